@@ -109,9 +109,8 @@ def main() -> None:
     options = parser.parse_args()
     import_all()
     models: list[mbdlft.LFTModel] = []
-    calls = calls_during(
-        lambda: models.append(mbdlft.to_lft(mbdlft.load_scene(options.scene), search=0.0))
-    )
+    load, make = mbdlft.load_scene, mbdlft.to_lft  # what is looked up is imported
+    calls = calls_during(lambda: models.append(make(load(options.scene), search=0.0)))
     (model,) = models
     if options.parameter not in [parameter.name for parameter in model.parameters]:
         parser.error(f"'{options.parameter}' is no parameter of {options.scene}.")

@@ -10,7 +10,7 @@ value to a normalized delta:
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -242,9 +242,19 @@ def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     -------
     array of the same shape [1]; -1, 0, 1 at low, nominal, high
     """
+    return _delta(parameter, physical)
+
+
+def _delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     internal, m = to_internal(parameter, physical), parameter.map
     distance = internal - m.b0
     return distance / (m.gain - m.a1 * distance)
+
+
+def deltas_at(parameters: Sequence[Parameter], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Deltas (N, n_p) [1] of physical points (N, n_p)."""
+    columns = [_delta(p, points[:, k]) for k, p in enumerate(parameters)]
+    return np.stack(columns, axis=1) if columns else points
 
 
 @arguments_checked

@@ -19,7 +19,7 @@ from mbdlft import dae, matrix, modelica, multibody, robot, show, system
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
 from mbdlft.cli import rooms
 
-SEARCH = 2.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
+SEARCH = 2.0  # equal to SEARCH of mbdlft.order.work, which is slow to import
 MOST = 1_000_000  # samples or times of an analysis; sweeps have more
 Texts = list[str] | None
 Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]

@@ -1,4 +1,7 @@
-"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
+"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both.
+
+In `precision(RESIDUES_ALONE)` matrices have no balls, and nothing that is made of these has any.
+"""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +16,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SizeError
 from mbdlft.exact.modular import Residues, multiplied, others, rank, solved
-from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, carries_values, zero_of
+from mbdlft.exact.numbers import NOTHING, RESIDUES_ALONE, Exact, TooFewBitsError, zero_of
 from mbdlft.exact.rounding import equilibrate
 
 Balls = NDArray[np.object_]
@@ -23,13 +26,22 @@ _LARGE = 64  # rows, of which those with few entries are eliminated one by one
 _FILL, _SMALL = 16, 0.125  # most entries that a pivot may add; of the largest of its row
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)  # a frozen one takes three times as long to make
 class ExactMatrix:
-    """A matrix (n, m) as residues, 0 <= entry < prime, and as balls, zero where the residue is."""
+    """A matrix (n, m) as residues, 0 <= entry < prime, and as balls, zero where the residue is.
+
+    There are no balls where residues alone are known.
+    """
 
     residues: Residues
-    balls: Balls
+    known_balls: Balls | None
     prime: int
+
+    @property
+    def balls(self) -> Balls:
+        """The balls (n, m) of a matrix that has some."""
+        assert self.known_balls is not None, "residues alone are known"
+        return self.known_balls
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -40,32 +52,41 @@ class ExactMatrix:
     @property
     def T(self) -> "ExactMatrix":
         """The transpose."""
-        return ExactMatrix(self.residues.T, self.balls.T, self.prime)
+        balls = self.known_balls
+        return ExactMatrix(self.residues.T, None if balls is None else balls.T, self.prime)
 
     def __getitem__(self, index: Any) -> "ExactMatrix":
         """Some of the rows and columns, as of an array."""
-        return ExactMatrix(self.residues[index], self.balls[index], self.prime)
+        balls = self.known_balls
+        return ExactMatrix(self.residues[index], None if balls is None else balls[index], self.prime)
+
+    def __setitem__(self, index: Any, other: "ExactMatrix") -> None:
+        """Put others in their place."""
+        self.residues[index] = other.residues
+        if self.known_balls is not None:
+            self.known_balls[index] = other.balls
 
     def __matmul__(self, other: "ExactMatrix") -> "ExactMatrix":
         """Most matrices of models are sparse: rows and columns of zeros take no part."""
         inner = self.residues.any(axis=0) & other.residues.any(axis=1)
         left, right = self[:, inner], other[inner]
         rows, columns = left.residues.any(axis=1), right.residues.any(axis=0)
-        product = zeros(self.shape[0], other.shape[1], self.prime)
+        shape = (self.shape[0], other.shape[1])
+        product = of_residues(np.zeros(shape, dtype=np.int64), self.prime)
+        if has_balls := left.known_balls is not None and right.known_balls is not None:
+            product.known_balls = np.full(shape, NOTHING, dtype=object)
         if not (rows.any() and columns.any()):
             return product
         left, right, place = left[rows], right[:, columns], np.ix_(rows, columns)
-        residues = multiplied(left.residues, right.residues, self.prime)
-        product.residues[place] = residues
-        if not carries_values():
-            return product
-        balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
-        product.balls[place] = _cleared(residues, balls)
+        product.residues[place] = residues = multiplied(left.residues, right.residues, self.prime)
+        if has_balls:
+            balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
+            product.balls[place] = _cleared(residues, balls)
         return product
 
     def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
         residues = (self.residues + other.residues) % self.prime
-        if not carries_values():
+        if self.known_balls is None or other.known_balls is None:
             return of_residues(residues, self.prime)
         balls = np.where(self.residues != 0, self.balls, other.balls)
         both = (self.residues != 0) & (other.residues != 0)
@@ -73,19 +94,23 @@ class ExactMatrix:
         return ExactMatrix(residues, balls, self.prime)
 
     def __neg__(self) -> "ExactMatrix":
+        residues = -self.residues % self.prime
+        if self.known_balls is None:
+            return of_residues(residues, self.prime)
         balls, some = self.balls.copy(), self.residues != 0
         balls[some] = -balls[some]
-        return ExactMatrix(-self.residues % self.prime, balls, self.prime)
+        return ExactMatrix(residues, balls, self.prime)
 
     def solve(self, right: "ExactMatrix", *, densely: bool = False) -> "ExactMatrix":
         """self^-1 right; a ZeroDivisionError if singular, a TooFewBitsError if nearly so."""
         n, m = right.shape
         if n == 0 or m == 0:
             return zeros(n, m, self.prime)
-        if n > _LARGE and not densely and carries_values():
+        has_balls = self.known_balls is not None and right.known_balls is not None
+        if n > _LARGE and not densely and has_balls:
             return _solved_sparsely(self, right)
         residues = solved(self.residues, right.residues, self.prime)
-        if not carries_values():
+        if not has_balls:
             return of_residues(residues, self.prime)
         try:
             balls = _solved(self, right)
@@ -201,36 +226,44 @@ def is_regular(a: Residues, prime: int) -> bool:
     return rank(core.reshape(len(left), len(left)), prime) == len(left)
 
 
+def carries_values() -> bool:
+    """Whether matrices have balls: not in `precision(RESIDUES_ALONE)`, where ranks cost less."""
+    return bool(flint.ctx.prec > RESIDUES_ALONE)
+
+
 def rough_values(a: ExactMatrix) -> Array:
-    """Doubles (n, m) of any accuracy, for the choice of scales and pivots."""
+    """Doubles (n, m) of any accuracy, for the choice of scales and pivots; zeros without balls."""
     values = np.zeros(a.shape)
-    some = a.residues != 0
-    values[some] = [float(ball) for ball in a.balls[some]]
+    if a.known_balls is not None:
+        some = a.residues != 0
+        values[some] = [float(ball) for ball in a.known_balls[some]]
     return values
 
 
 def of_residues(residues: Residues, prime: int) -> ExactMatrix:
     """A matrix of which residues alone are known."""
-    return ExactMatrix(residues, np.full(residues.shape, NOTHING, dtype=object), prime)
+    return ExactMatrix(residues, None, prime)
 
 
 def zeros(n: int, m: int, prime: int) -> ExactMatrix:
     """A matrix of zeros."""
-    return of_residues(np.zeros((n, m), dtype=np.int64), prime)
+    balls = np.full((n, m), NOTHING, dtype=object) if carries_values() else None
+    return ExactMatrix(np.zeros((n, m), dtype=np.int64), balls, prime)
 
 
 def identity(n: int, prime: int) -> ExactMatrix:
     """The identity."""
-    result = zeros(n, n, prime)
-    diagonal = np.arange(n)
+    result, diagonal = zeros(n, n, prime), np.arange(n)
     result.residues[diagonal, diagonal] = 1
-    result.balls[diagonal, diagonal] = flint.arb(1)
+    if result.known_balls is not None:
+        result.known_balls[diagonal, diagonal] = flint.arb(1)
     return result
 
 
 def of_integers(a: Array, prime: int) -> ExactMatrix:
     """A matrix of whole numbers, each less than 2^53."""
-    return ExactMatrix(a.astype(np.int64) % prime, balls_of(a), prime)
+    balls = balls_of(a) if carries_values() else None
+    return ExactMatrix(a.astype(np.int64) % prime, balls, prime)
 
 
 def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:
@@ -240,7 +273,8 @@ def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> Ex
         for column, value in row.items():
             if value.residue:
                 matrix.residues[k, column] = int(value.residue)
-                matrix.balls[k, column] = value.ball
+                if matrix.known_balls is not None:
+                    matrix.known_balls[k, column] = value.ball
     return matrix
 
 
@@ -249,14 +283,17 @@ def to_rows(a: ExactMatrix) -> list[dict[int, Exact]]:
     rows: list[dict[int, Exact]] = [{} for _ in a.residues]
     for k, column in zip(*np.nonzero(a.residues), strict=True):
         residue = flint.nmod(int(a.residues[k, column]), a.prime)
-        rows[k][int(column)] = Exact(a.balls[k, column], residue)
+        ball = NOTHING if a.known_balls is None else a.known_balls[k, column]
+        rows[k][int(column)] = Exact(ball, residue)
     return rows
 
 
 def stacked(blocks: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
     """A matrix of blocks, as `numpy.block` of at least one."""
     residues = np.vstack([np.hstack([block.residues for block in row]) for row in blocks])
-    balls = np.vstack([np.hstack([block.balls for block in row]) for row in blocks])
+    balls = None
+    if all(block.known_balls is not None for row in blocks for block in row):
+        balls = np.vstack([np.hstack([block.balls for block in row]) for row in blocks])
     return ExactMatrix(residues, balls, blocks[0][0].prime)
 
 
@@ -289,6 +326,10 @@ def ball_matrix(a: Balls) -> Any:
 
 def _solved(a: ExactMatrix, b: ExactMatrix) -> Balls:
     """a^-1 b, with rows and columns of one size: errors of large unknowns would be those of all."""
+    if a.shape == (1, 1):
+        if (divisor := a.balls[0, 0]).contains(NOTHING):
+            raise ZeroDivisionError
+        return np.asarray(b.balls / divisor)
     rows, columns = map(_powers, equilibrate(rough_values(a)[None]))
     scaled = ball_matrix(rows[:, None] * a.balls * columns)
     # FLINT eliminates fewer than 40 rows in balls by default, which lose a bit or two with each
@@ -304,5 +345,5 @@ def _powers(sizes: Array) -> Balls:
 
 def _cleared(residues: Residues, balls: Balls) -> Balls:
     zero = residues == 0
-    balls[zero] = [zero_of(ball) for ball in balls[zero]]
+    balls[zero] = [NOTHING if ball.is_zero() else zero_of(ball) for ball in balls[zero]]
     return balls

@@ -215,11 +215,6 @@ def prime_of(index: int | None) -> Iterator[None]:
         _index.reset(token)
 
 
-def carries_values() -> bool:
-    """Whether balls are computed: not in `precision(RESIDUES_ALONE)`, where ranks cost less."""
-    return bool(flint.ctx.prec > RESIDUES_ALONE)
-
-
 @contextmanager
 def half_precision() -> Iterator[None]:
     """Balls of half as many bits."""

@@ -14,7 +14,7 @@ from scipy.linalg import qr
 from mbdlft.exact import matrices, modular
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.modular import Residues
-from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
+from mbdlft.exact.numbers import NOTHING, TooFewBitsError
 from mbdlft.exact.rounding import equilibrate
 
 _PART = 0.75  # of the bits of coefficients, for a root
@@ -24,8 +24,8 @@ def pencil(M: ExactMatrix, n: int, residue: int, value: Any) -> ExactMatrix:
     """The pencil of n states at s, which is given as a residue and as a ball."""
     s = matrices.zeros(n, M.shape[1], M.prime)
     s.residues[range(n), range(n)] = residue
-    if residue:
-        s.balls[range(n), range(n)] = value
+    if residue and s.known_balls is not None:
+        s.known_balls[range(n), range(n)] = value
     return matrices.stacked([[s + -M[:n]], [M[n:]]])
 
 
@@ -88,10 +88,8 @@ def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
     pivots, free = independent(a)
     rows, _ = independent(a[:, pivots].T)
     basis = matrices.zeros(a.shape[1], len(free), a.prime)
-    dependent = -a[rows][:, pivots].solve(a[rows][:, free])
-    basis.residues[pivots], basis.balls[pivots] = dependent.residues, dependent.balls
-    unit = matrices.identity(len(free), a.prime)
-    basis.residues[free], basis.balls[free] = unit.residues, unit.balls
+    basis[pivots] = -a[rows][:, pivots].solve(a[rows][:, free])
+    basis[free] = matrices.identity(len(free), a.prime)
     return basis, free
 
 
@@ -99,7 +97,7 @@ def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     """Columns that are independent, as far from dependent as doubles tell, and the others."""
     if 0 in a.shape:
         return [], [*range(a.shape[1])]
-    if not carries_values():
+    if not matrices.carries_values():
         chosen = modular.pivot_columns(a.residues, a.prime)
         return chosen, sorted(set(range(a.shape[1])) - set(chosen))
     rough = matrices.rough_values(a)
@@ -121,11 +119,12 @@ def roots(p: ExactMatrix) -> tuple[list[int], list[Any], list[Any]]:
     balls do not tell roots apart.
     """
     zeros = int(np.flatnonzero(p.residues[:, 0])[0])
-    residues, balls = p.residues[zeros:, 0].tolist(), p.balls[zeros:, 0].tolist()
+    residues = p.residues[zeros:, 0].tolist()
     of_residues = [int(root) for root, _ in flint.nmod_poly(residues, p.prime).roots()]
     of_residues += [0] * zeros
-    if not carries_values():
+    if not matrices.carries_values():
         return of_residues, [], []
+    balls = p.balls[zeros:, 0].tolist()
     bits = min([flint.ctx.prec, *(x.rel_accuracy_bits() for x in balls)])
     try:
         tol = flint.arb(2) ** -int(_PART * bits)  # as a double it would be 0.0
@@ -170,6 +169,5 @@ def with_single_roots(p: ExactMatrix) -> ExactMatrix:
     shifted = [(slope, k) for k in range(m + 1)] + [(-p, k) for k in range(m)]
     whole = matrices.zeros(d + m, len(shifted), prime)
     for column, (x, k) in enumerate(shifted):
-        rows = slice(k, k + len(x.residues))
-        whole.residues[rows, column], whole.balls[rows, column] = x.residues[:, 0], x.balls[:, 0]
+        whole[k : k + len(x.residues), column] = x[:, 0]
     return null_space(whole)[0][: m + 1]

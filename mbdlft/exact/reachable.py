@@ -27,7 +27,6 @@ from mbdlft.exact.modular import (
     reduced_residues,
     row_echelon,
 )
-from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.rounding import channel_scales, or_one
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
@@ -41,7 +40,7 @@ def reduced(
 
     Of equal value are so many outputs, all by default. What the others are is what these need.
     """
-    if outputs is None and not carries_values():
+    if outputs is None and M.known_balls is None:
         residues, sizes = reduced_residues(M.residues, list(sizes), M.prime)
         return of_residues(residues, M.prime), sizes
     M, sizes = _compressed(M, list(sizes), M.shape[1] - sum(sizes))
@@ -55,7 +54,8 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
     M = whole[:, : n + inputs]
     by_doubles = n > _MOST_BY_BALLS
     spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime, is_traced=by_doubles)
-    if all(space.is_full for space in spaces):
+    small = [k for k, space in enumerate(spaces) if not space.is_full]
+    if not small:
         return whole, sizes
     rough = rough_values(M)
     scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
@@ -63,12 +63,23 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
         scaled = scale[:, None] * rough[:n]
         roughly = _orthonormal(np.hstack([scaled[:, :n] / scale, scaled[:, n:]]), blocks, spaces)
         spaces = [_in_rows(space, _pivot_rows(Q)) for space, Q in zip(spaces, roughly, strict=True)]
-    bases = zip(blocks, spaces, _bases(M, blocks, spaces), strict=True)
-    graphs = [_graph(space, basis, scale[block]) for block, space, basis in bases]
-    kept = [block.start + row for block, g in zip(blocks, graphs, strict=True) for row in g.chosen]
-    rows = whole[[*kept, *range(n, M.shape[0])]]
-    columns = [_in_basis(rows[:, block], g) for block, g in zip(blocks, graphs, strict=True)]
-    return stacked([[*columns, rows[:, n:]]]), [len(g.chosen) for g in graphs]
+    graphs = [
+        _graph(basis, spaces[k].pivots, scale[blocks[k]])
+        for k, basis in zip(small, _bases(M, blocks, spaces, small), strict=True)
+    ]
+    chosen = [np.arange(size) for size in sizes]
+    for k, graph in zip(small, graphs, strict=True):
+        chosen[k] = graph.chosen
+    sizes = [len(rows) for rows in chosen]
+    kept = np.concatenate([block.start + rows for block, rows in zip(blocks, chosen, strict=True)])
+    rows = whole[np.append(kept, range(n, M.shape[0]))]
+    result = rows[:, np.append(kept, range(n, whole.shape[1]))]
+    parts = parts_of(sizes)
+    for k, (chosen_rows, basis) in zip(small, graphs, strict=True):
+        others = np.setdiff1d(np.arange(basis.shape[0]), chosen_rows)
+        moved = rows[:, blocks[k].start + others] @ basis[others]
+        result[:, parts[k]] = result[:, parts[k]] + moved
+    return result, sizes
 
 
 def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
@@ -145,10 +156,10 @@ class _Basis:
 
     def __init__(self, space: Space, vectors: ExactMatrix) -> None:
         self.vectors, self.pivots = vectors, np.array(space.pivots, dtype=np.int64)
-        self.balls = zeros(space.size, len(self.pivots), space.prime)
-        self.balls.residues[:] = space.basis.T
-        self.balls.balls[self.pivots] = identity(len(self.pivots), space.prime).balls
-        some, groups = self.balls.residues != 0, dict[bytes, list[int]]()
+        self.matrix = zeros(space.size, len(self.pivots), space.prime)
+        self.matrix[self.pivots] = identity(len(self.pivots), space.prime)
+        self.matrix.residues[:] = space.basis.T
+        some, groups = self.matrix.residues != 0, dict[bytes, list[int]]()
         for row in np.setdiff1d(np.flatnonzero(some.any(axis=1)), self.pivots).tolist():
             groups.setdefault(some[row].tobytes(), []).append(row)
         self.waiting = list(groups.values())
@@ -161,19 +172,21 @@ class _Basis:
     def _are_solved(self, group: list[int]) -> bool:
         rows = np.array(group)
         residues, prime = self.vectors.residues, self.vectors.prime
-        columns = np.flatnonzero(self.balls.residues[rows].any(axis=0))
+        columns = np.flatnonzero(self.matrix.residues[rows].any(axis=0))
         chosen = self.pivots[columns]
         some = np.flatnonzero(residues[chosen].any(axis=0))
-        taken = some[pivot_columns(residues[np.ix_(chosen, some)], prime)]
+        taken = some[:1]
+        if len(columns) > 1:
+            taken = some[pivot_columns(residues[np.ix_(chosen, some)], prime)]
         if len(taken) < len(columns):
             return False
         solution = self.vectors[np.ix_(chosen, taken)].T.solve(self.vectors[np.ix_(rows, taken)].T)
-        self.balls.balls[np.ix_(rows, columns)] = solution.balls.T
+        self.matrix[np.ix_(rows, columns)] = solution.T
         return True
 
     def merge(self) -> None:
         """Make one group of those that are solved for in less time together, as they share columns."""
-        some, merged = self.balls.residues != 0, list[tuple[list[int], NDArray[np.bool_]]]()
+        some, merged = self.matrix.residues != 0, list[tuple[list[int], NDArray[np.bool_]]]()
         for rows in sorted(self.waiting, key=lambda rows: -np.count_nonzero(some[rows[0]])):
             columns = some[rows[0]]
             for k, (others, of_others) in enumerate(merged):
@@ -193,40 +206,45 @@ class _Basis:
     @property
     def known(self) -> NDArray[np.bool_]:
         """The columns (d,) whose balls are all found."""
-        return np.asarray(~self.balls.residues[self.unknown].any(axis=0))
+        return np.asarray(~self.matrix.residues[self.unknown].any(axis=0))
 
     def times(self, left: ExactMatrix, columns: NDArray[np.bool_]) -> ExactMatrix:
         """A matrix (m, n) times some columns, but for the rows of these that are not found."""
         found = np.ones(left.shape[1], dtype=bool)
         found[self.pivots] = found[self.unknown] = False
-        return left[:, self.pivots[columns]] + left[:, found] @ self.balls[found][:, columns]
+        return left[:, self.pivots[columns]] + left[:, found] @ self.matrix[found][:, columns]
 
 
-def _bases(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
-    """The basis (n_k, d_k) of each space, the identity in its pivots.
+def _bases(
+    M: ExactMatrix, blocks: list[slice], spaces: list[Space], small: list[int]
+) -> list[ExactMatrix]:
+    """The basis (n_k, d_k) of each space that is not the whole one, the identity in its pivots.
 
     Vectors of a space are the columns of M12 and what M11 makes of columns of the bases that are known:
     most of these have a one only, and give columns of M11. Powers of M11 are left for rows that need
     each other.
     """
-    bases = [
-        _Basis(space, M[block, blocks[-1].stop :]) for space, block in zip(spaces, blocks, strict=True)
-    ]
+    n, is_whole = blocks[-1].stop, np.ones(blocks[-1].stop, dtype=bool)
+    for k in small:
+        is_whole[blocks[k]] = False
+    inner, parts = M[np.flatnonzero(~is_whole)], parts_of([spaces[k].size for k in small])
+    vectors = inner[:, n:]
+    bases = [_Basis(spaces[k], vectors[part]) for k, part in zip(small, parts, strict=True)]
+    images = [inner[:, np.flatnonzero(is_whole)]]
     known = [np.zeros(len(basis.pivots), dtype=bool) for basis in bases]
     while not all([basis.is_solved() for basis in bases]):
         before, known = known, [basis.known for basis in bases]
-        fresh = [now & ~old for now, old in zip(known, before, strict=True)]
-        if not any(columns.any() for columns in fresh):
-            _solve_together(M, blocks, bases)
+        for basis, k, now, old in zip(bases, small, known, before, strict=True):
+            if np.any(now & ~old):
+                images.append(basis.times(inner[:, blocks[k]], now & ~old))
+        vectors = stacked([[inner[:, :0], *images]])
+        if not vectors.shape[1]:
+            _solve_together(M, [blocks[k] for k in small], bases)
             break
-        images = [
-            basis.times(M[:, block], columns)
-            for basis, block, columns in zip(bases, blocks, fresh, strict=True)
-            if columns.any()
-        ]
-        for basis, block in zip(bases, blocks, strict=True):
-            basis.vectors = stacked([[basis.vectors, *(image[block] for image in images)]])
-    return [basis.balls for basis in bases]
+        for basis, part in zip(bases, parts, strict=True):
+            basis.vectors = stacked([[basis.vectors, vectors[part]]])
+        images = []
+    return [basis.matrix for basis in bases]
 
 
 def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) -> None:
@@ -242,8 +260,8 @@ def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) ->
     n = sum(sizes)
     spaces = reachable_bases(left.residues[:, :n], left.residues[:, n:], sizes, M.prime, is_traced=True)
     for basis, rows, vectors in zip(bases, kept, _krylov(left, parts_of(sizes), spaces), strict=True):
-        basis.vectors = zeros(len(basis.balls.residues), vectors.shape[1], M.prime)
-        basis.vectors.residues[rows], basis.vectors.balls[rows] = vectors.residues, vectors.balls
+        basis.vectors = zeros(basis.matrix.shape[0], vectors.shape[1], M.prime)
+        basis.vectors[rows] = vectors
         basis.merge()
         basis.is_solved()
 
@@ -255,19 +273,12 @@ class _Graph(NamedTuple):
     basis: ExactMatrix
 
 
-def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
-    """Columns (m, n_k) times a basis that is the identity in its chosen rows."""
-    others = np.setdiff1d(np.arange(columns.shape[1]), graph.chosen)
-    chosen = columns[:, graph.chosen]
-    return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
+def _graph(basis: ExactMatrix, pivots: Sequence[int], scale: Array) -> _Graph:
+    """A basis in coordinates that are channels of a size (n,), with moderate factors.
 
-
-def _graph(space: Space, basis: ExactMatrix, scale: Array) -> _Graph:
-    """A basis of a subspace in coordinates that are channels of a size (n,), with moderate factors."""
-    n, d = basis.shape
-    if d in (0, n):
-        return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
-    rows = np.array(space.pivots)
+    It was the identity in its pivots.
+    """
+    rows = np.array(pivots, dtype=np.int64)
     chosen = _best_rows(scale[:, None] * rough_values(basis) / scale[rows], rows)
     if not np.array_equal(rows, chosen):
         with suppress(ZeroDivisionError):  # doubles chose them: they depend on each other

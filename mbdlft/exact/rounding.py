@@ -327,3 +327,8 @@ def _reflection(n: int) -> Array:
     """An orthogonal, symmetric matrix: in its coordinates shifts of QR meet no symmetry of a matrix."""
     normal = 1.0 / np.sqrt(1.0 + np.arange(n))
     return np.asarray(np.eye(n) - 2.0 * np.outer(normal, normal) / (normal @ normal))
+
+
+def largest(differences: Array, scale: Array) -> float:
+    """Largest size of differences (N, ...), each entry relative to its scale (...)."""
+    return float(np.max(np.abs(differences) / scale, initial=0.0))

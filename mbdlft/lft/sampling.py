@@ -98,7 +98,7 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
 def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     """Values at many points: points (N, number of blocks) [1], result (N, n_out, n_in)."""
     check(
-        all(block.kind == "real" for block in a.blocks),
+        {block.kind for block in a.blocks} <= {"real"},
         "points have one real number for each block; use evaluate for blocks of other kinds",
     )
     p = np.asarray(points, dtype=float)
@@ -213,13 +213,14 @@ def rounding_sizes(a: LFT, points: Array) -> Array:
     sides = Sides(a)
     rows, columns = sides.rows[:, None], sides.columns
     first, last = a.M12[:, columns], a.M21[sides.rows]
-    if not (a.order and first.size and last.size):
+    n = len(a.M11)
+    if not (n and first.size and last.size):
         return sizes
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
-    for chunk in chunks(len(points), a.order):
+    for chunk in chunks(len(points), n):
         d = spread[chunk, None, :]
         through = a.M11 * d
-        inverse = np.linalg.inv(np.eye(a.order) - through)
+        inverse = np.linalg.inv(np.eye(n) - through)
         into, out = np.abs(inverse @ first), np.abs((last * d) @ inverse)
         read = np.abs(first) + into + np.abs(through) @ into
         sizes[chunk, rows, columns] += np.abs(last * d) @ into + out @ read
@@ -289,12 +290,13 @@ class Sides:
 def _add_dense(a: LFT, points: Array, values: Array, sizes: Array | None = None) -> None:
     """Add M21 Delta (I - M11 Delta)^-1 M12 to values (N, n_out, n_in), sizes of its terms to sizes."""
     sides = Sides(a)
-    if not (a.order and sides.first.size and sides.last.size):
+    n = len(a.M11)
+    if not (n and sides.first.size and sides.last.size):
         return
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
-    for chunk in chunks(len(points), a.order):
+    for chunk in chunks(len(points), n):
         d = spread[chunk]
-        loop = np.eye(a.order) - sides.inner * d[:, None, :]
+        loop = np.eye(n) - sides.inner * d[:, None, :]
         try:
             solved = np.linalg.solve(loop, np.broadcast_to(sides.first, (len(d), *sides.first.shape)))
         except np.linalg.LinAlgError:

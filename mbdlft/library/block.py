@@ -37,7 +37,7 @@ from mbdlft.multibody.joint import Free
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.scene.quantities import Place, check_dimension, expression_at, value_at
 from mbdlft.multibody.sensor import Acceleration, AngularAcceleration, JointWrench
-from mbdlft.order.search import SEARCH
+from mbdlft.order.work import SEARCH
 from mbdlft.pipeline.models import realize, to_lft
 from mbdlft.system.evidence import NOTHING_FREE
 from mbdlft.system.model import LFTModel

@@ -17,7 +17,7 @@ with the side s = n x h, 0 = s . c' - (V . h) n . th (Neimark, Fufaev, Dynamics 
 """
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar, Self, final
 
 import casadi as ca
@@ -28,7 +28,7 @@ from pydantic import InstanceOf, model_validator
 from mbdlft.base.description import Axis, Description, Direction, Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.force import BodyWrench, Load, Tire
+from mbdlft.multibody.force import BodyWrench, Tire
 from mbdlft.multibody.force.guided import radius_problem
 from mbdlft.multibody.joint.kinds import plane
 from mbdlft.multibody.spatial import Space, in_scene, move_wrench
@@ -236,13 +236,6 @@ class Patch(Contact):
     def reaction(self, values: Values, space: Space, held: ca.SX, rolling: ca.SX) -> BodyWrench:
         pair = ca.horzcat(unit_vector(self.tire.axis) * rolling, ca.SX(3, 1))
         return BodyWrench(self.port, move_wrench(pair, self.tire.foot(values, space)))
-
-
-def touches(contacts: Sequence[Contact], loads: Sequence[Load]) -> tuple[Contact, ...]:
-    """Contacts, and the patches of tires."""
-    tires = (load for load in loads if isinstance(load, Tire) and load.patch)
-    patches = (Patch(name=t.name, port=t.patch, normal=t.normal, tire=t) for t in tires)
-    return (*contacts, *patches)
 
 
 KINDS: dict[str, type[Contact]] = {cls.kind: cls for cls in (KnifeEdge, Rolling)}

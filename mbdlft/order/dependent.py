@@ -25,7 +25,6 @@ from mbdlft.base.reach import in_reach
 from mbdlft.exact import matrices, modular
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.modular import Residues, Space
-from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.pencils import null_space
 from mbdlft.exact.rounding import channel_scales
 from mbdlft.lft.determinant import Channels, diagonal_blocks
@@ -54,7 +53,7 @@ def _of_one_side(a: ExactLFT) -> ExactLFT:
     if not change.shape[1]:
         return a
     order = np.arange(n)
-    if carries_values():
+    if matrices.carries_values():
         change, rough = _in_balls(a, change), matrices.rough_values(M)
         scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
         sizes = np.abs(scale[:, None] * matrices.rough_values(change))
@@ -117,8 +116,7 @@ def _in_balls(a: ExactLFT, null: ExactMatrix) -> ExactMatrix:
                 more = _values_in_balls(A, C, np.repeat(at, sizes)[kept], blocks)
                 values = matrices.stacked([[values], [more]])
         basis, _ = null_space(values[:, some])
-        (result.residues[kept[some], k],) = basis.residues.T
-        (result.balls[kept[some], k],) = basis.balls.T
+        result[kept[some], k] = basis[:, 0]
     return result
 
 
@@ -129,6 +127,5 @@ def _values_in_balls(
     values = matrices.zeros(*C.shape, C.prime)
     for block in blocks:
         loop = matrices.of_integers(np.diag(inverses[block]), C.prime) + -A[block][:, block]
-        solved = loop.T.solve((C[:, block] + values @ A[:, block]).T).T
-        values.residues[:, block], values.balls[:, block] = solved.residues, solved.balls
+        values[:, block] = loop.T.solve((C[:, block] + values @ A[:, block]).T).T
     return values

@@ -38,7 +38,7 @@ from mbdlft.base.array import Array
 from mbdlft.exact import matrices, modular
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.modular import Residues, reachable_bases
-from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
+from mbdlft.exact.numbers import NOTHING, TooFewBitsError
 from mbdlft.exact.pencils import eigenvalues, invariant_zeros, null_space, pencil, residues_of_pencil
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import Block
@@ -367,7 +367,7 @@ def _zeros(chains: ExactLFT, length: int, size: int) -> list[tuple[int, list[Any
         residues, values, _ = eigenvalues(invariant_zeros(system, chains.order))
     except TooFewBitsError:
         return []
-    if not carries_values():
+    if not matrices.carries_values():
         return [(residue, [NOTHING]) for residue in filter(None, residues)]
     outside = [x for x in values if x != 0 and abs(x) < 1]
     places = list[tuple[int, list[Any]]]()
@@ -424,7 +424,7 @@ def _chain(line: _Line, value: Any, before: Array, nominal: Array) -> ExactMatri
     at = pencil(_of_kernel(line.chains, line.length, size), n, line.residue, value)
     kernel, _ = null_space(at)
     V = M[n : n + line.length * size] @ kernel
-    if carries_values():
+    if matrices.carries_values():
         rough = matrices.rough_values(V).reshape(line.length, size, -1)
         numbers = _far_outside(rough, before, nominal)
     else:

@@ -74,7 +74,7 @@ class ExactLFT:
 
     def rounded(self) -> LFT:
         """The LFT in doubles; see `ExactMatrix.values`."""
-        values, n = self.M.values(), self.order
+        n, values = self.order, self.M.values()
         return LFT(values[:n, :n], values[:n, n:], values[n:, :n], values[n:, n:], self.blocks)
 
 
@@ -90,12 +90,13 @@ def eliminated(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
     ZeroDivisionError if a is singular at nominal.
     """
     n, M = a.order, a.M
+    wanted = [*range(n), *(n + k for k in rows)]
     inner, others = slice(n, n + count), [*range(n), *range(n + count, M.shape[1])]
     solution = -M[inner, inner].solve(M[inner, others])  # of u, in w and v
     outside = [*range(n), *range(n + count, M.shape[0])]
     reduced = M[outside][:, others] + M[outside][:, inner] @ solution
     both = stacked([[reduced[:n]], [solution], [reduced[n:]]])
-    return ExactLFT(both[[*range(n), *(n + k for k in rows)]], a.blocks)
+    return ExactLFT(both[wanted], a.blocks)
 
 
 def _in_touch(a: ExactLFT) -> ExactLFT:

@@ -26,14 +26,7 @@ import numpy as np
 from mbdlft.exact import matrices, modular
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.modular import Residues
-from mbdlft.exact.numbers import (
-    NOTHING,
-    RESIDUES_ALONE,
-    TooFewBitsError,
-    carries_values,
-    precision,
-    zero_of,
-)
+from mbdlft.exact.numbers import NOTHING, RESIDUES_ALONE, TooFewBitsError, precision, zero_of
 from mbdlft.exact.pencils import (
     factors,
     independent,
@@ -105,7 +98,7 @@ class Unobservable(NamedTuple):
         """Those for values of the points (size, count); a TooFewBitsError for one of another residue."""
         if not self.points:
             return self.motions.z
-        if not carries_values():
+        if not matrices.carries_values():
             return matrices.of_residues(self.residues, self.motions.z.prime)
         points = [(residues, value) for (residues, _), value in zip(self.points, values, strict=True)]
         return _kept_at(self.motions, points, outside, self.size)[0]
@@ -170,7 +163,7 @@ def _roots(motions: Motions) -> _Roots:
     every = factors(both.residues, prime)
     residues = sorted(-factor[0] % prime for factor, _ in every if len(factor) == 1)
     single = [factor for factor, times in every if times == 1]
-    if not carries_values():
+    if not matrices.carries_values():
         return _Roots(residues, [], [], single, ([], []))
     polynomial = minimal_polynomial(both)
     _, real, above = roots(with_single_roots(polynomial))
@@ -202,7 +195,7 @@ def _together(known: _Roots, prime: int, most: int) -> Point | None:
     for total in sorted(filter(None, sums), reverse=True):
         some_factors = (flint.nmod_poly([*factor, 1], prime) for factor in sums[total])
         residues = tuple(map(int, prod(some_factors, start=flint.nmod_poly([1], prime)).coeffs()))[:-1]
-        if not carries_values():
+        if not matrices.carries_values():
             return Point(residues, [[NOTHING] * total])
         if values := [*islice(_polynomials(known, total, has_zero=not residues[0]), MOST_VALUES)]:
             return Point(residues, values)
@@ -233,7 +226,7 @@ def _apart(motions: Motions, known: _Roots, *, without_single: bool) -> list[Poi
             for some, which in zip((real, above), known.is_single, strict=True)
         )
     of_one, of_two = [*map(_of_one, real)], [*map(_of_two, above)]
-    if not carries_values():
+    if not matrices.carries_values():
         return [Point((-residue % prime,), [[NOTHING]]) for residue in residues]
     points, left = list[Point](), list[int]()
     for residue in residues:

@@ -1,4 +1,4 @@
-"""What a search has done, counted in operations: the same on every machine and under every load.
+"""What a search may cost and has done, in operations: the same on every machine and under every load.
 
 Linear algebra counts itself where it is done, by the sizes of its matrices. Weights of the three kinds
 and of the loops around them make the sums follow the time of one current core to about a factor of two.
@@ -7,11 +7,20 @@ and of the loops around them make the sums follow the time of one current core t
 import math
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
+SEARCH = 2.0  # units of a search; a small part is enough where the order meets the bound at once
 UNIT = 1.5e10  # operations in one unit of work, about a second of one core
 _CALL = 3e6  # what a call costs beside its operations
 _EACH = 6e3  # of each row of a small matrix, beside its operations
 _SINGULAR_VALUES = 12.0  # per entry and row: they take several sweeps
+
+
+class Budget(NamedTuple):
+    """What a search may cost: units of work, which decide its result, and at most so many seconds."""
+
+    work: float
+    seconds: float | None = None
 
 
 class Work:

@@ -7,15 +7,14 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError, naming
-from mbdlft.base.parameter import Parameter, at_values
-from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning
+from mbdlft.base.parameter import Parameter, at_values, deltas_at
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning, largest
 from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import rounding_sizes
 from mbdlft.lft.sparse import SparseLFT
 from mbdlft.problem.references import frequencies_of, largest_of_rows, rounded_transfers, transfers
 from mbdlft.problem.relations import Nouns, Problem, Reference
-from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
 from mbdlft.system.regular import PROVED, SAMPLED, Regularity, check_no_zero, physical_boxes, regularity
 from mbdlft.system.sampled import in_twofold

@@ -9,7 +9,7 @@ from mbdlft.dae.linear import problem_of_trim
 from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.dae.theta.separation import Arrange
 from mbdlft.dae.to_problem import problem_of_dae
-from mbdlft.order.search import SEARCH
+from mbdlft.order.work import SEARCH
 from mbdlft.pipeline.models import Progress, timed
 from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel

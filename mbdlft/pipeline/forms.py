@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
+from mbdlft.base.parameter import deltas_at
 from mbdlft.base.running import without_collection
 from mbdlft.exact.modular import Residues, entrywise, inverses, multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import (
@@ -30,7 +31,6 @@ from mbdlft.exact.numbers import (
     Constant,
     TooFewBitsError,
     ask_for_bits,
-    carries_values,
     in_enough_bits,
     precision,
     prime_of,
@@ -53,7 +53,6 @@ from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_r
 from mbdlft.pipeline.extract import Extraction, SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
-from mbdlft.system.evidence import deltas_at
 from mbdlft.system.sampled import rates_of
 
 _MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
@@ -295,7 +294,7 @@ def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
             "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
             "products of them. A sweep takes any number."
         )
-    if form.relations.unknown.numel() and opened.order > _MANY and carries_values():
+    if form.relations.unknown.numel() and opened.order > _MANY and opened.M.known_balls is not None:
         ask_for_bits(2 * BITS)
     relations = reduce_exactly(opened)
     return relations if form.relations.lifted is None else with_affine_restricted(relations)

@@ -15,7 +15,7 @@ from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.scene.checks import extreme_quantities
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.search import SEARCH, Budget, budget_of
+from mbdlft.order.work import SEARCH, Budget
 from mbdlft.pipeline.forms import candidates, degrees
 from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel
@@ -51,12 +51,21 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
+def _budget(search: float, seconds: float | None) -> Budget:
+    """A SceneError if one of the two is not a size."""
+    if not isinstance(search, int | float) or not search >= 0.0:
+        raise SceneError(f"search: expected units of work, 0 for no search, got {search!r}.")
+    if seconds is not None and (not isinstance(seconds, int | float) or not seconds >= 0.0):
+        raise SceneError(f"seconds: expected a time (s), or None for no limit, got {seconds!r}.")
+    return Budget(search, seconds)
+
+
 @contextmanager
 def timed(
     search: float, seconds: float | None, prove: float, progress: Progress = None
 ) -> Iterator[tuple[Budget, Clock]]:
     """A budget of work, once its numbers are known to be usable, and a clock; algebra in one thread."""
-    budget = budget_of(search, seconds)
+    budget = _budget(search, seconds)
     check_work(prove)
     with one_thread():
         yield budget, Clock(progress)

@@ -3,26 +3,27 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.base import running
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
+from mbdlft.base.parameter import deltas_at
 from mbdlft.base.samples import SEED
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT, in_scales
-from mbdlft.order.search import CUT_OFF, DROPPED, SEARCH, Budget, Smallest
-from mbdlft.order.work import Work, late_after
+from mbdlft.order.work import SEARCH, Budget, Work, late_after
 from mbdlft.pipeline import certification
 from mbdlft.pipeline.forms import (
     Candidate,
@@ -40,16 +41,26 @@ from mbdlft.pipeline.smaller import (
     without_dependent_channels,
 )
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
-from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
 from mbdlft.system.regular import PROVE, Regularity, regularity
 
+CUT_OFF = "search was cut off"  # a stage that tells so
+DROPPED = "search: a result was dropped"  # one, too: what is there before it stands
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
 _OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.3, 0.3  # units of work, at most; part of what is left
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
+
+
+class Smallest(NamedTuple):
+    """The smallest LFTs of a value that a search finds, the smallest first, the least order of any, and
+    whether seconds ended it early."""
+
+    lfts: Iterable[LFT]
+    order_bound: int
+    is_cut_off: bool = False
 
 
 def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:

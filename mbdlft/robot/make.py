@@ -416,12 +416,12 @@ def limits(making: Making) -> dict[JointLimit, Quantity]:
 
 def unphysical(scene: Scene, links: Iterable[Body]) -> dict[str, str]:
     """Problems by name of the body, for bodies whose inertia no body can have at nominal."""
-    problems: dict[str, str] = {}
-    nominal = nominal_values(scene)
+    problems, nominal = dict[str, str](), nominal_values(scene)
     for body in links:
-        for label, expected in body.quantities().items():
+        quantities = body.quantities()
+        for label, expected in quantities.items():
             value_at(Place(owner_name(body), label), expected, nominal)  # an error names the place
-        for condition in inertia_conditions(body, nominal):
+        for condition in inertia_conditions(body, quantities, nominal):
             value = float(evaluate(condition.expression, nominal))
             if value < -condition.slack:
                 problems.setdefault(body.name, f"{condition.what}: {value:.3g}.")

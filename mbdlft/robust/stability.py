@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.parameter import at_values, to_physical
+from mbdlft.base.parameter import at_values, deltas_at, to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
@@ -31,7 +31,6 @@ from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers, with_ball
 from mbdlft.robust.realization import check_parameters, left_out, realization, stable_states
-from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
 
 SAMPLES = 300  # at random: what is unstable in a hundredth of the box is missed once in twenty times

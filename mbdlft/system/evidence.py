@@ -22,10 +22,10 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
-from mbdlft.base.parameter import Parameter, to_delta, to_physical
+from mbdlft.base.parameter import Parameter, deltas_at, to_delta, to_physical
 from mbdlft.base.samples import check_points
 from mbdlft.base.unit import Signal
-from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, largest
 from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.lft.sampling import evaluate, evaluate_at, rounding_sizes
@@ -433,12 +433,6 @@ def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
     return deltas_at(parameters, check_points(parameters, seed, _RANDOM, _MOST_CORNERS))
 
 
-def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
-    """Deltas (N, n_p) [1] of physical points (N, n_p)."""
-    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
-    return np.stack(columns, axis=1) if columns else points
-
-
 def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Parameter]) -> None:
     """Raise a WellPosednessError where I - M11 Delta is seen to be singular on the way to a point."""
     _, signs = values_at(a, deltas)
@@ -464,8 +458,3 @@ def entry_scale(reference: Array, terms: Array) -> Array:
     whole = np.maximum(np.minimum(rows, columns), terms)
     scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
     return np.where(scale > 0, scale, 1.0)
-
-
-def largest(differences: Array, scale: Array) -> float:
-    """Largest size of differences (N, ...), each entry relative to its scale (...)."""
-    return float(np.max(np.abs(differences) / scale, initial=0.0))

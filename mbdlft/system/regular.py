@@ -86,7 +86,10 @@ def regularity(a: LFT, prove: float = PROVE) -> Regularity:
             used, local = np.unique(owner[channels], return_inverse=True)
             matrix = a.M11[np.ix_(channels, channels)]
             loop = _Loop(matrix, local, len(used), np.eye(len(channels)) + np.abs(matrix))
-            is_open, _, _ = _look(loop, np.zeros((1, loop.deltas)), np.ones((1, loop.deltas)))
+            is_open, _, signs = _look(loop, np.zeros((1, loop.deltas)), np.ones((1, loop.deltas)))
+            if not is_open[0] and signs[0] > 0.0:
+                work -= loop.cost
+                continue
             with after(prove - work / _UNIT):
                 boxes, zero, work = _examine(_balanced(loop) if is_open[0] else loop, work)
             center, half = np.zeros(len(a.blocks)), np.ones(len(a.blocks))

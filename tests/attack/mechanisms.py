@@ -16,8 +16,8 @@ from scipy.optimize import minimize_scalar
 import mbdlft
 from mbdlft import MbdlftError, WellPosednessError, to_lft
 from mbdlft.base.array import Array
+from mbdlft.base.parameter import deltas_at
 from mbdlft.lft.sampling import rounding_sizes
-from mbdlft.system.evidence import deltas_at
 from tests.close import EPS
 from tests.cross.maximal_model import MISSED, fault, linear_model
 from tests.cross.mixed_mechanisms import mixed

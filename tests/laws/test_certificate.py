@@ -20,11 +20,10 @@ from mbdlft.matrix.relations import matrix_problem, problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.order.reduction import in_scales
-from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import certification, forms, stages
 from mbdlft.pipeline.certification import MOST_ROUNDINGS, Checked, certificate, values_at_points
 from mbdlft.pipeline.models import build, exact_lower_bound
-from mbdlft.pipeline.stages import _Check
+from mbdlft.pipeline.stages import DROPPED, _Check
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.references import entry_sizes
 from mbdlft.problem.relations import Problem

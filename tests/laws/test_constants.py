@@ -77,6 +77,12 @@ def test_short_binary_fractions_stay_doubles(x: float) -> None:
 def test_one_symbol_for_each_number() -> None:
     assert ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(Fraction(1, 10))))
     assert not ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(0.2)))
+
+
+def test_a_literal_with_more_digits_than_a_double_keeps_them() -> None:
+    """Its double is a whole number, and it is not."""
+    _, (known,) = constants_in(ca.SX(literal(expression.Literal("3.00000000000000000001"))))
+    assert known.argument == 3 + Fraction(1, 10**20)
     assert is_zero(literal(0.1) + literal(0.2) - literal(0.3))
 
 

@@ -105,10 +105,12 @@ def test_residues_alone_are_the_same() -> None:
     """Sums, products and solutions, also of more rows than are eliminated one by one, without balls."""
     a, b = (from_fractions(fractions(seed, 70, 70, 70), 70) for seed in (1, 2))
     wanted = [(a @ b + -a).residues, a.solve(b).residues]
+    a, b = (matrices.of_residues(x.residues, PRIME) for x in (a, b))
     with precision(RESIDUES_ALONE):
         found = [a @ b + -a, a.solve(b)]
+        beside = matrices.stacked([[a, matrices.identity(70, PRIME)]])
     assert all(np.array_equal(x.residues, y) for x, y in zip(found, wanted, strict=True))
-    assert not any(ball != 0 for x in found for ball in x.balls.ravel())
+    assert all(x.known_balls is None for x in (*found, beside, beside[:, 1:].T))
 
 
 @given(st.integers(0, 10**6), sides, sides, st.integers(0, 5))
@@ -173,6 +175,10 @@ def test_balls_that_are_too_wide_to_solve_with() -> None:
     a = module.from_rows(rows, 2, PRIME)
     with pytest.raises(TooFewBitsError, match="contain a singular one"):
         a.solve(matrices.identity(2, PRIME))
+    difference = FIELD.rational(Fraction(1, 3)) - FIELD.rational(Fraction(10**120 // 3, 10**120))
+    of_one = module.from_rows([{0: difference}], 1, PRIME)
+    with pytest.raises(TooFewBitsError, match="contain a singular one"):
+        of_one.solve(matrices.identity(1, PRIME))
     with precision(4 * BITS):
         rows[1][1] = FIELD.one + tiny
         found = module.from_rows(rows, 2, PRIME).solve(matrices.identity(2, PRIME)).values()

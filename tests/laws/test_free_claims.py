@@ -10,9 +10,9 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, StructureError
-from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import stages
 from mbdlft.pipeline.models import build
+from mbdlft.pipeline.stages import DROPPED
 from tests import kit
 from tests.archive import models
 from tests.archive.plain_digest import edit, made

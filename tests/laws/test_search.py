@@ -12,9 +12,9 @@ from benchmarks import ablation
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.running import heard
-from mbdlft.order.search import CUT_OFF
 from mbdlft.pipeline import stages
 from mbdlft.pipeline.models import build
+from mbdlft.pipeline.stages import CUT_OFF
 from mbdlft.system.model import LFTModel
 from tests.close import CLOSED_FORM, SCENARIO, target
 from tests.cross.mechanisms import open_tree

@@ -47,11 +47,12 @@ class Closure:
     rates: tuple[int, ...] = ()  # positions of the rates that all of them determine
     yielding: tuple[int, ...] = ()  # positions of coordinates
     shared: tuple[int, ...] = ()  # constraints that say the same: their forces are known as a sum only
+    count: int = 0  # of all constraints, also those that are not kept
 
 
-def multipliers(scene: Scene, closure: Closure, last: ca.SX) -> ca.SX:
+def multipliers(closure: Closure, last: ca.SX) -> ca.SX:
     """All multipliers, of which the last entries of a column are those of the rows that are kept."""
-    every, first = ca.SX(sum(map(len, multipliers_of(scene))), 1), last.numel() - len(closure.rows)
+    every, first = ca.SX(closure.count, 1), last.numel() - len(closure.rows)
     for position, row in enumerate(closure.rows):
         every[row] = last[first + position]
     return every
@@ -78,7 +79,8 @@ def constraint(scene: Scene, view: View, order: int) -> ca.SX:
         rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, values)))
     small = ca.vertcat(*(coordinate[order] for coordinate in view.coordinates.values()))
     coupled = ca.mtimes(relations(scene, rigid(scene), view), small)
-    return ca.vertcat(*rows, coupled, *contact_rows(scene, view, order))
+    of_contacts = contact_rows(touches, view, order) if (touches := scene.touches) else ()
+    return ca.vertcat(*rows, coupled, *of_contacts)
 
 
 def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[BodyWrench]:
@@ -120,7 +122,7 @@ def every_constraint(scene: Scene) -> Closure:
             "Declare positions at which they stand on the ground."
         )
     count = len(multipliers_of(scene)[0])
-    return Closure(tuple(range(count)), (), count)
+    return Closure(tuple(range(count)), (), count, count=count)
 
 
 def close_loops(scene: Scene, view: View, symbols: Symbols) -> Closure:
@@ -177,7 +179,8 @@ def close_loops(scene: Scene, view: View, symbols: Symbols) -> Closure:
     if scene.touches:  # of others nobody asks
         every = matrices[0]
         shared = [k for k in range(len(every)) if independent(np.delete(every, k, axis=0).T)[0] == rank]
-    return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G), tuple(shared))
+    count = len(first) + len(others)
+    return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G), tuple(shared), count)
 
 
 def _determined(G: Array, weights: Array, known: tuple[int, ...]) -> tuple[int, ...]:

@@ -44,8 +44,9 @@ def multipliers_of(scene: Scene) -> tuple[list[Signal], list[Signal]]:
 
 def relations(scene: Scene, couplings: Sequence[Coupling], view: View) -> ca.SX:
     """Coefficients (m, n) of couplings by the coordinates of the tree."""
-    index = {degree.measure(0).name: k for k, degree in enumerate(degrees(view.now.links))}
-    matrix = ca.SX(len(couplings), len(index))
+    every = degrees(view.now.links)
+    index = {degree.measure(0).name: k for k, degree in enumerate(every if couplings else ())}
+    matrix = ca.SX(len(couplings), len(every))
     for row, coupling in enumerate(couplings):
         places = coupling.freedoms(scene.joints)
         values = view.now.values[owner_name(coupling)]

@@ -11,7 +11,7 @@ does not turn, the angle is in no equation, and the linear model does not depend
 is periodic, and refused. The decisions are made in exact numbers.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -50,8 +50,6 @@ def steady_momenta(
     scene: Scene, links: tuple[Link, ...], symbols: Symbols, values: Mapping[str, Values]
 ) -> dict[str, Values]:
     """Momenta of the joints of what turns at a steady rate, by owner and label; it is checked."""
-    if not any("rate" in values[link.owner] for link in links):
-        return {}
     still = {
         owner: Coordinate(*(ca.SX(at.q.numel(), 1) for _ in range(3)))
         for owner, at in symbols.coordinates(links).items()
@@ -309,12 +307,3 @@ class _Finder:
                         "by the kinds 'spherical', or 'revolute' and 'cylindrical' about the axis: a "
                         "second bearing."
                     )
-
-
-def body_momenta(links: Sequence[Link], values: Mapping[str, Values]) -> dict[str, ca.SX]:
-    """Momenta (3,) of bodies by name (N m s), with all that is rigid with them."""
-    return {
-        link.child.name: link.joint.direction() * values[link.owner][MOMENTUM]
-        for link in links
-        if MOMENTUM in values[link.owner] and isinstance(link.joint, AxisJoint)
-    }

@@ -26,14 +26,14 @@ from mbdlft.multibody.assembly import kinematics
 from mbdlft.multibody.assembly import resolved as resolution
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.coupled import check_couplings
-from mbdlft.multibody.assembly.gyrostat import body_momenta
-from mbdlft.multibody.assembly.touching import check_contacts, check_wheels
+from mbdlft.multibody.assembly.touching import check_contacts, check_wheel
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
-from mbdlft.multibody.force import BodyWrench, Spring
-from mbdlft.multibody.joint.move import turning_along
+from mbdlft.multibody.force import BodyWrench, Spring, Wheel
+from mbdlft.multibody.joint.kinds import AxisJoint
+from mbdlft.multibody.joint.move import MOMENTUM, turning_along
 from mbdlft.multibody.scene.checks import LABELS, check_fit
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate, column
@@ -155,8 +155,10 @@ def assembly(scene: Scene) -> Assembly:
     r = resolution.in_plane(resolved)
     view = r.view()
     check_couplings(r.scene, view, r.symbols)
-    check_contacts(r.scene, view, r.symbols.evaluate)
-    check_wheels(r.scene, view, partial(r.symbols.evaluate, ends=True))
+    if r.scene.touches:
+        check_contacts(r.scene, view, r.symbols.evaluate)
+    for wheel in (load for load in r.scene.loads if isinstance(load, Wheel)):
+        check_wheel(wheel, r.scene, view, partial(r.symbols.evaluate, ends=True))
     closure = close_loops(r.scene, view, r.symbols)
     resolution.check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
@@ -178,6 +180,15 @@ def in_motion(
     return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
+def _body_momenta(links: Sequence[Link], values: Mapping[str, Values]) -> dict[str, ca.SX]:
+    """Momenta (3,) of bodies by name (N m s), with all that is rigid with them."""
+    return {
+        link.child.name: link.joint.direction() * values[link.owner][MOMENTUM]
+        for link in links
+        if MOMENTUM in values[link.owner] and isinstance(link.joint, AxisJoint)
+    }
+
+
 def body_wrenches(
     r: resolution.Resolved, view: kinematics.View, ground: ca.SX, loads: Sequence[BodyWrench]
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
@@ -185,7 +196,7 @@ def body_wrenches(
 
     The motions, for a motion (3, 3) of the `ground`, and the momenta become those of the view.
     """
-    view.momenta = body_momenta(r.links, r.values)
+    view.momenta = _body_momenta(r.links, r.values)
     view.motions = kinematics.motions(view.now, ground)
     inertial = kinematics.inertial_wrenches(view.now, view.motions)
     for name, momentum in view.momenta.items():

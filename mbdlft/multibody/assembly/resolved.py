@@ -23,7 +23,7 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, independent, multipliers, reactions
-from mbdlft.multibody.assembly.coupled import Coupled, coupled, following, multipliers_of, rigid
+from mbdlft.multibody.assembly.coupled import Coupled, coupled, following, multipliers_of
 from mbdlft.multibody.assembly.gyrostat import steady_momenta
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.touching import contact_reactions
@@ -90,8 +90,9 @@ def _resolved(scene: Scene) -> Resolved:
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
     values = symbols.quantities(scene)
-    for owner, momenta in steady_momenta(scene, links, symbols, values).items():
-        values[owner] = {**values[owner], **momenta}
+    if any("rate" in values[link.owner] for link in links):
+        for owner, momenta in steady_momenta(scene, links, symbols, values).items():
+            values[owner] = {**values[owner], **momenta}
     for tire in (load for load in scene.loads if isinstance(load, Tire)):
         named = owner_name(tire)
         values[named] = {**values[named], **tire.carcass(values[named])}
@@ -270,8 +271,7 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
     of passive joints beside their efforts.
     """
     scene, values = r.scene, r.values
-    efforts: list[Effort] = []
-    deflections: list[Effort] = []
+    efforts, deflections = list[Effort](), list[Effort]()
     for degree in degrees(r.links):
         moved = degree.kind == "motion"  # its three inputs are told apart by what they do
         imposed = degree.kind in ("imposed", "motion")
@@ -280,8 +280,7 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
         is_input = degree.kind not in ("elastic", "patch")
         named = degree.measure(2) if imposed else degree.effort
         if len(efforts) in closure.yielding:
-            measure = degree.measure(0)
-            static = Signal(f"{measure.name}.static", measure.unit)
+            static = Signal(f"{degree.measure(0).name}.static", degree.measure(0).unit)
             if is_input:
                 deflections.append(Effort(static, None, is_input=False, is_default=False))
             else:
@@ -296,18 +295,16 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
         if entry == UNKNOWN or name in asked:
             value = None if entry == UNKNOWN else 0.0
             efforts.append(Effort(Signal(name, "m/s^2"), value, is_default=False))
-    efforts += [
-        Effort(degree.measure(order), 0.0, is_default=False)
-        for degree in degrees(r.links)
-        for order in range(2)
-        if degree.kind == "motion"
-    ]
+    moving = [degree for degree in degrees(r.links) if degree.kind == "motion"]
+    measures = [degree.measure(order) for degree in moving for order in range(2)]
+    efforts += [Effort(measure, 0.0, is_default=False) for measure in measures]
     for coupling in scene.couplings:
         if coupling.stiffness is not None:
             value = values[owner_name(coupling)].get("preload")
             signal = coupling.signal(scene.joints)
             efforts.append(Effort(signal, value, is_input=False, is_default=False))
-    of_rows = [signal for signals in multipliers_of(scene) for signal in signals]
+    every = multipliers_of(scene) if closure.rows else ()
+    of_rows = [signal for signals in every for signal in signals]
     forces = [Effort(of_rows[k], None, is_input=False, is_default=False) for k in closure.rows]
     return efforts + deflections + forces
 
@@ -399,10 +396,13 @@ def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> lis
     """Wrenches on bodies of all loads and loop closures."""
     loads = enumerate(r.scene.loads, start=len(degrees(r.links)))
     wrenches = [wrench for k, load in loads for wrench in view.wrenches(load, u[k])]
-    every = multipliers(r.scene, closure, u) + multipliers(r.scene, closure, z)
-    held, count = len(multipliers_of(r.scene)[0]), sum(len(loop.signals()) for loop in r.scene.loops)
-    touching = every[count + len(rigid(r.scene)) : held], every[held:]
-    return wrenches + reactions(r.scene.loops, view, every) + contact_reactions(r.scene, view, *touching)
+    every = multipliers(closure, u) + multipliers(closure, z)
+    wrenches += reactions(r.scene.loops, view, every)
+    if touches := r.scene.touches:
+        held = len(multipliers_of(r.scene)[0])
+        first = held - sum(len(contact.signals()[0]) for contact in touches)
+        wrenches += contact_reactions(touches, view, every[first:held], every[held:])
+    return wrenches
 
 
 def couplings(
@@ -412,7 +412,7 @@ def couplings(
     scene, soft = r.scene, [c for c in r.scene.couplings if c.stiffness is not None]
     preloads = [u[names.index(c.signal(scene.joints).name)] for c in soft]
     first = sum(len(loop.signals()) for loop in scene.loops)
-    at_rest, change = (multipliers(scene, closure, entries)[first:] for entries in (u, z))
+    at_rest, change = (multipliers(closure, entries)[first:] for entries in (u, z))
     shared = [k - first for k in closure.shared]
     return coupled(scene, view, at_rest + change, change, preloads, shared)
 
@@ -422,8 +422,8 @@ Forces = tuple[ca.SX, tuple[Signal, ...]]
 
 def more_forces(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> tuple[Forces, Forces]:
     """Deviations of the forces of contacts, but for those that are shared; forces of loads, if asked."""
-    held, others = multipliers_of(r.scene)
-    every, values = held + others, multipliers(r.scene, closure, z)
+    held, others = multipliers_of(r.scene) if closure.count else ([], [])
+    every, values = held + others, multipliers(closure, z)
     of_contacts = range(len(held) - sum(len(c.signals()[0]) for c in r.scene.touches), len(every))
     known = [k for k in of_contacts if k not in closure.shared]
     forces, signals, asked = [ca.SX(0, 1)], list[Signal](), set(r.scene.outputs or ())

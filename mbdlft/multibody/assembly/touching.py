@@ -29,17 +29,19 @@ def values_of(contact: Contact, view: View) -> Values:
     return {**values, "rate": next(rates, 0.0)}
 
 
-def contact_rows(scene: Scene, view: View, order: int) -> tuple[ca.SX, ca.SX]:
-    """Constraints of one order: holonomic ones of all contacts, and those of rates."""
-    rows = [c.rows(values_of(c, view), view, order) for c in scene.touches]
-    held, rolling = zip(*rows, strict=True) if rows else ((), ())
-    return ca.vertcat(ca.SX(0, 1), *held), ca.vertcat(ca.SX(0, 1), *rolling)
+def contact_rows(contacts: Sequence[Contact], view: View, order: int) -> tuple[ca.SX, ca.SX]:
+    """Constraints of one order: holonomic ones of contacts, and those of rates."""
+    rows = [c.rows(values_of(c, view), view, order) for c in contacts]
+    held, rolling = zip(*rows, strict=True)
+    return ca.vertcat(*held), ca.vertcat(*rolling)
 
 
-def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> list[BodyWrench]:
+def contact_reactions(
+    contacts: Sequence[Contact], view: View, held: ca.SX, rolling: ca.SX
+) -> list[BodyWrench]:
     """Wrenches of contacts on bodies, by the multipliers of both kinds of constraints."""
     wrenches, i, j = [], 0, 0
-    for contact in scene.touches:
+    for contact in contacts:
         first, second = contact.signals()
         ends = i + len(first), j + len(second)
         values = values_of(contact, view)
@@ -50,8 +52,6 @@ def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> 
 
 def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
     """Bodies touch their planes, stand upright and do not slip, at nominal and elsewhere in the range."""
-    if not scene.touches:
-        return
     velocity = view.velocity
     if scene.rolling and scene.spin and ca.sparsify(velocity).nnz():
         raise SceneError(
@@ -78,28 +78,29 @@ def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequenc
             )
 
 
-def check_wheels(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
-    """Wheels that are loads stand upright on their road and roll ahead, everywhere in the range."""
-    for wheel in (load for load in scene.loads if isinstance(load, Wheel)):
-        values = view.owned(wheel)
-        _check_upright(wheel, wheel.child, wheel.axis, view, evaluate)
-        _check_height(wheel, wheel.parent, wheel.child, values, view, evaluate)
-        axis, _, speed = wheel.along(view)
-        speeds = np.array(evaluate(speed))
-        size = max(float(np.max(np.abs(speeds))), 1e-300)
-        if (worst := _largest(evaluate(ca.dot(axis, view.velocity)))) > _GAP * size:
-            raise SceneError(
-                f"{owner_name(wheel)}: the scene moves along the axis of the wheel with {worst:.4g} m/s "
-                "at nominal or elsewhere in the range. A wheel rolls along axis x normal."
-            )
-        stops = isinstance(wheel, Tire) and wheel.patch
-        if np.min(speeds) < 0.0 or (not stops and np.min(speeds) <= 0.0):
-            raise SceneError(
-                f"{owner_name(wheel)}: the speed along axis x normal goes down to {np.min(speeds):.4g} "
-                f"m/s in the range; the scene has velocity = {list(scene.velocity)}. It must be positive "
-                "(velocity = [20, 0, 0]), or zero where a tire has a relaxation length. Turn the axis "
-                "round where the wheel rolls the other way."
-            )
+def check_wheel(
+    wheel: Wheel, scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]
+) -> None:
+    """A wheel that is a load stands upright on its road and rolls ahead, everywhere in the range."""
+    values = view.owned(wheel)
+    _check_upright(wheel, wheel.child, wheel.axis, view, evaluate)
+    _check_height(wheel, wheel.parent, wheel.child, values, view, evaluate)
+    axis, _, speed = wheel.along(view)
+    speeds = np.array(evaluate(speed))
+    size = max(float(np.max(np.abs(speeds))), 1e-300)
+    if (worst := _largest(evaluate(ca.dot(axis, view.velocity)))) > _GAP * size:
+        raise SceneError(
+            f"{owner_name(wheel)}: the scene moves along the axis of the wheel with {worst:.4g} m/s "
+            "at nominal or elsewhere in the range. A wheel rolls along axis x normal."
+        )
+    stops = isinstance(wheel, Tire) and wheel.patch
+    if np.min(speeds) < 0.0 or (not stops and np.min(speeds) <= 0.0):
+        raise SceneError(
+            f"{owner_name(wheel)}: the speed along axis x normal goes down to {np.min(speeds):.4g} "
+            f"m/s in the range; the scene has velocity = {list(scene.velocity)}. It must be positive "
+            "(velocity = [20, 0, 0]), or zero where a tire has a relaxation length. Turn the axis "
+            "round where the wheel rolls the other way."
+        )
 
 
 def _check_upright(

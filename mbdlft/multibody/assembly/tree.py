@@ -315,6 +315,8 @@ class Symbols:
             owner: {
                 label: self._turns(scene, Place(owner, label), expected)
                 if expected.unit == "rad"
+                else literal(expected.source)
+                if isinstance(expected.source, float)
                 else value_at(Place(owner, label), expected, self.names, literal, FUNCTIONS)
                 for label, expected in quantities.items()
             }

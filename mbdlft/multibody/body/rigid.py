@@ -130,7 +130,7 @@ class Body(Description, abc.ABC):
         label = self.port_label(port)
         if label is None:
             return ca.SX(3, 1)
-        return column(values[f"{label}.{axis}"] for axis in AXES)
+        return column([values[f"{label}.{axis}"] for axis in AXES])
 
     def freedoms(self) -> tuple[Freedom, ...]:
         """Names of the coordinates of an elastic body; a rigid body has no coordinates."""
@@ -265,7 +265,7 @@ class RigidBody(Body):
             name: values.get(f"inertia.{name}", ca.SX.sym(unseen_name(self.name, name)))
             for name in (*DIAGONAL, *PRODUCTS)
         }
-        inertia = ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
+        inertia = ca.reshape(column([entries[name] for row in _ENTRY for name in row]), 3, 3)
         center = self.port_position("center_of_mass", values)
         point = self.port_position(self.inertia.about, values)
         return newton_euler(motion, values["mass"], point - inboard, center - point, inertia)

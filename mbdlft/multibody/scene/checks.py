@@ -55,11 +55,25 @@ _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12  # of the size at nominal: what rounding of the data may leave or make negative
 
 
+class _Names(NamedTuple):
+    """What the names in the quantities of a scene are."""
+
+    constants: dict[str, float]  # in SI units
+    plain: dict[str, Parameter]
+    angles: dict[str, Parameter]
+
+    @staticmethod
+    def of(scene: Scene) -> "_Names":
+        angles = {p.name: p for p in scene.parameters if p.is_angle}
+        plain = {p.name: p for p in scene.parameters if p.name not in angles}
+        return _Names(scene.constant_values(), plain, angles)
+
+
 def check(scene: Scene) -> None:
     """Raise an error for the first quantity of a scene that cannot be used."""
-    dimensions = dimensions_of(scene)
+    known, dimensions = _Names.of(scene), dimensions_of(scene)
     sampled = {
-        owner: _check_quantities(scene, owner, quantities, dimensions)
+        owner: _check_quantities(scene, known, owner, quantities, dimensions)
         for owner, quantities in owners(scene)
     }
     _check_steady(scene, sampled[f"scene {scene.name!r}"])
@@ -122,15 +136,17 @@ def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
 
 
 def _check_quantities(
-    scene: Scene, owner: str, quantities: Mapping[str, Expected], dimensions: Mapping[str, Any]
+    scene: Scene,
+    known: _Names,
+    owner: str,
+    quantities: Mapping[str, Expected],
+    dimensions: Mapping[str, Any],
 ) -> dict[str, NDArray[np.float64]]:
     """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
-    texts = {k: e for k, e in quantities.items() if not isinstance(e.source, float)}
-    samples = _samples(
-        scene, {n for k, e in texts.items() for n in names(expression_at(Place(owner, k), e))}
-    )
+    texts = [(k, e) for k, e in quantities.items() if not isinstance(e.source, float)]
+    expressions = {k: expression_at(Place(owner, k), e) for k, e in texts}
+    samples = _samples(known, {n for expression in expressions.values() for n in names(expression)})
     sampled: dict[str, NDArray[np.float64]] = {}
-    angles = [p for p in scene.parameters if p.is_angle]
     for label, expected in quantities.items():
         place = Place(owner, label)
         if isinstance(expected.source, float) and expected.unit != "rad":
@@ -138,43 +154,47 @@ def _check_quantities(
             continue
         if expected.unit == "rad":
             arctangents = angle_at(scene, place, expected).arctangents
-            if not arctangents and not isinstance(expected.source, float):
-                check_dimension(place, expected, expression_at(place, expected), dimensions)
+            if not arctangents and label in expressions:
+                check_dimension(place, expected, expressions[label], dimensions)
             for tangent in arctangents:  # plain numbers
                 inside = Place(owner, f"{label}, atan")
-                _checked(scene, inside, Expected(write(tangent), "1"), dimensions, samples)
+                plain = Expected(write(tangent), "1")
+                _checked(scene, known, inside, plain, tangent, dimensions, samples)
             continue
-        expression = expression_at(place, expected)
-        used = names(expression)
-        for angle in (p for p in angles if p.name in used):
+        expression = expressions[label]
+        for name in sorted(names(expression) & known.angles.keys()):
             raise SceneError(
-                f"{place} = {expected.source!r}: {angle.name!r} has unit {angle.unit!r}, which does not "
-                "fit. An angle parameter can be the position of a joint, or in an orientation. Elsewhere "
-                f"expressions are rational: declare a parameter t = tan({angle.name}/2) in its place, "
-                "with the cosine (1 - t^2)/(1 + t^2), the sine 2*t/(1 + t^2), and the angle 2*atan(t)."
+                f"{place} = {expected.source!r}: {name!r} has unit {known.angles[name].unit!r}, which "
+                "does not fit. An angle parameter can be the position of a joint, or in an orientation. "
+                f"Elsewhere expressions are rational: declare a parameter t = tan({name}/2) in its "
+                "place, with the cosine (1 - t^2)/(1 + t^2), the sine 2*t/(1 + t^2), and the angle "
+                "2*atan(t)."
             )
-        sampled[label] = _checked(scene, place, expected, dimensions, samples)
+        sampled[label] = _checked(scene, known, place, expected, expression, dimensions, samples)
     return sampled
 
 
 def _checked(
     scene: Scene,
+    known: _Names,
     place: Place,
     expected: Expected,
+    expression: Expression,
     dimensions: Mapping[str, Any],
     samples: Mapping[str, Any],
 ) -> NDArray[np.float64]:
     """Values (SI) at the samples of a quantity that is not an angle, and checks of it."""
-    expression = expression_at(place, expected)
     try:
-        check_degree(expression, {p.name: 1 for p in scene.parameters})
+        check_degree(expression, dict.fromkeys((*known.plain, *known.angles), 1))
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+    if divisors := denominators(expression):
+        _check_denominators(known, place, divisors)
     with np.errstate(all="ignore"):  # what is not finite has its own message
-        values = _at_all(samples, value_at(place, expected, samples))
-    _check_denominators(scene, place, expression)
+        value = value_at(place, expected, samples)
     if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
         check_dimension(place, expected, expression, dimensions)
+    values = _at_all(samples, value)
     if not np.all(np.isfinite(values)):
         raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
     return values
@@ -201,14 +221,13 @@ def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
     return np.broadcast_to(value, (1,) if longest is None else longest.shape)
 
 
-def _samples(scene: Scene, used: Collection[str]) -> Mapping[str, NDArray[np.float64] | float]:
+def _samples(known: _Names, used: Collection[str]) -> Mapping[str, NDArray[np.float64] | float]:
     """Nominal, corners and random points of the range: an array (SI units) for each plain parameter
     that is used. All corners, if there are not too many.
     """
-    plain = [p for p in scene.parameters if not p.is_angle]
-    active = [p for p in plain if p.name in used]
-    values: dict[str, Any] = dict(scene.constant_values())
-    values |= {p.name: p.nominal for p in plain}  # those that are not used: for messages
+    active = [p for name, p in known.plain.items() if name in used]
+    values: dict[str, Any] = dict(known.constants)
+    values |= {name: p.nominal for name, p in known.plain.items()}  # those not used: for messages
     if not active:
         return values
     generator = np.random.default_rng(0)
@@ -223,15 +242,12 @@ def _samples(scene: Scene, used: Collection[str]) -> Mapping[str, NDArray[np.flo
     return values
 
 
-def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
+def _check_denominators(known: _Names, place: Place, divisors: Sequence[Expression]) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
-    found_in = denominators(expression)
-    if not found_in:
-        return
-    plain = {p.name: p for p in scene.parameters if not p.is_angle}
-    constants = {name: decimal(value) for name, value in scene.constant_values().items()}
+    plain = known.plain
+    constants = {name: decimal(value) for name, value in known.constants.items()}
     factors = {name: p.factor for name, p in plain.items()}
-    for denominator in found_in:
+    for denominator in divisors:
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue
@@ -286,38 +302,37 @@ class Outcome(NamedTuple):
 
 def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
     """What is known of the conditions that depend on parameters after a look at `boxes` parts of each."""
-    parameters = {p.name: p for p in scene.parameters if not p.is_angle}
-    nominal = nominal_values(scene)
+    known = _Names.of(scene)
+    nominal = _nominal_values(known)
     outcomes = []
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
     for condition in (c for item in items for c in conditions(item, nominal)):
-        used = tuple(sorted(names(condition.expression) & parameters.keys()))
-        used_parameters = {name: parameters[name] for name in used}
+        used = tuple(sorted(names(condition.expression) & known.plain.keys()))
         if not used:
             value = float(evaluate(condition.expression, nominal))
             sign = Sign() if value >= -condition.slack else Sign({}, value)
         else:
-            sign = _sign(scene, condition, used_parameters, boxes)
+            sign = _sign(known, condition, {name: known.plain[name] for name in used}, boxes)
             outcomes.append(Outcome(condition, used, sign))
         if sign.point is not None:
-            raise SceneError(_failure(condition, sign, used_parameters))
+            raise SceneError(_failure(condition, sign, known.plain))
     return tuple(outcomes)
 
 
-def _sign(scene: Scene, condition: Condition, parameters: Mapping[str, Parameter], boxes: int) -> Sign:
+def _sign(known: _Names, condition: Condition, parameters: Mapping[str, Parameter], boxes: int) -> Sign:
     """By intervals over the whole range, if they are enough; else at samples, and by parts."""
     factors = {name: p.factor for name, p in parameters.items()}
     bounds = {name: (p.low, p.high) for name, p in parameters.items()}
-    constants = scene.constant_values()
+    constants = known.constants
 
     def value(at: Mapping[str, Any]) -> Any:
         return evaluate(condition.expression, {**constants, **{n: x * factors[n] for n, x in at.items()}})
 
     whole = {name: Interval(*ends) * factors[name] for name, ends in bounds.items()}
-    known = {**{name: decimal(float(x)) for name, x in constants.items()}, **whole}
-    if Interval.of(evaluate(condition.expression, known, decimal, FUNCTIONS)).low >= -condition.slack:
+    values_of = {**{name: decimal(float(x)) for name, x in constants.items()}, **whole}
+    if Interval.of(evaluate(condition.expression, values_of, decimal, FUNCTIONS)).low >= -condition.slack:
         return Sign()
-    samples = _samples(scene, bounds)
+    samples = _samples(known, bounds)
     values = _at_all(samples, evaluate(condition.expression, samples))
     worst = int(np.argmin(values))
     if values[worst] < -condition.slack:
@@ -338,19 +353,24 @@ def _failure(condition: Condition, sign: Sign, parameters: Mapping[str, Paramete
 
 def conditions(item: Body | Joint, nominal: Mapping[str, float]) -> Iterator[Condition]:
     """All conditions of a body or a joint, with sizes at nominal values (SI) by name."""
-    quantities = {k: e for k, e in item.quantities().items() if _KEEPS_SIGN.fullmatch(k)}
+    quantities = item.quantities()
     for label, expected in quantities.items():
+        if not _KEEPS_SIGN.fullmatch(label):
+            continue
         expression = expression_at(Place(owner_name(item), label), expected)
         size = abs(float(evaluate(expression, nominal)))
         yield Condition(owner_name(item), f"{label} [{expected.unit}] is negative", expression, size)
     if isinstance(item, Body):
-        yield from inertia_conditions(item, nominal)
+        yield from inertia_conditions(item, quantities, nominal)
 
 
 def nominal_values(scene: Scene) -> dict[str, float]:
     """Values (SI) by name of the constants, and at nominal of the parameters that are no angles."""
-    plain = (p for p in scene.parameters if not p.is_angle)
-    return scene.constant_values() | {p.name: p.nominal * p.factor for p in plain}
+    return _nominal_values(_Names.of(scene))
+
+
+def _nominal_values(known: _Names) -> dict[str, float]:
+    return known.constants | {name: p.nominal * p.factor for name, p in known.plain.items()}
 
 
 def extreme_quantities(scene: Scene) -> str:
@@ -368,7 +388,9 @@ def extreme_quantities(scene: Scene) -> str:
     return ", ".join(sorted((t for t in far if 2.0 * far[t] >= farthest), key=lambda t: -far[t]))
 
 
-def inertia_conditions(body: Body, nominal: Mapping[str, float]) -> Iterator[Condition]:
+def inertia_conditions(
+    body: Body, quantities: Mapping[str, Expected], nominal: Mapping[str, float]
+) -> Iterator[Condition]:
     """Those of the inertia of a body, if it has one that is to be checked."""
     inertia = getattr(body, "inertia", None)
     if inertia is None or inertia.unchecked:
@@ -376,7 +398,7 @@ def inertia_conditions(body: Body, nominal: Mapping[str, float]) -> Iterator[Con
     owner = owner_name(body)
     expressions = {
         label: expression_at(Place(owner, label), expected)
-        for label, expected in body.quantities().items()
+        for label, expected in quantities.items()
         if expected.unit != "rad"
     }
     center = inertia.about == "center_of_mass"

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Annotated, Any, ClassVar, Self, final
 
 from pydantic import BeforeValidator, Field, InstanceOf, field_validator, model_validator
@@ -13,9 +14,9 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
-from mbdlft.multibody.contact import Contact, touches
+from mbdlft.multibody.contact import Contact, Patch
 from mbdlft.multibody.coupling import Coupling
-from mbdlft.multibody.force import Load, Wheel
+from mbdlft.multibody.force import Load, Tire, Wheel
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
@@ -180,7 +181,9 @@ class Scene(Description):
     @property
     def touches(self) -> tuple[Contact, ...]:
         """The contacts, and the patches of tires."""
-        return touches(self.contacts, self.loads)
+        tires = [load for load in self.loads if isinstance(load, Tire) and load.patch]
+        patches = [Patch(name=t.name, port=t.patch, normal=t.normal, tire=t) for t in tires]
+        return (*self.contacts, *patches)
 
     @property
     def rolling(self) -> tuple[Contact | Load, ...]:
@@ -207,10 +210,15 @@ class Scene(Description):
         values = dict(BUILTIN_CONSTANTS)
         for name, constant in self.constants.items():
             if isinstance(constant, Constant):
-                values[name] = Literal(in_si(repr(float(constant.value)), parse_unit(constant.unit)))
+                values[name] = _in_si(repr(float(constant.value)), constant.unit)
             else:
                 values[name] = constant
         return values
+
+
+@cache
+def _in_si(number: str, unit: str) -> Literal:
+    return Literal(in_si(number, parse_unit(unit)))
 
 
 def check_value_names(what: str, names: Sequence[str]) -> None:

@@ -162,7 +162,8 @@ class SignalGraph:
             one = self.field.one
             self.nodes.append(Coefficient("constant", (one if residue == 1 else value,)))
         number = self._constants[residue]
-        zero_of(value.ball - self.nodes[number].arguments[0].ball)
+        if (known := self.nodes[number].arguments[0]) is not value:
+            zero_of(value.ball - known.ball)
         return number
 
     def constant_value(self, number: int) -> Exact | None:

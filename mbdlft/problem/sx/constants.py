@@ -39,6 +39,8 @@ _SHARED = 4096  # constants that have one symbol each, the last ones asked for; 
 
 def literal(value: float | Fraction) -> float | ca.SX:
     """A number as it is written, for expressions."""
+    if type(value) is float and value.is_integer() and abs(value) < _MOST_PLAIN:
+        return value
     exact = value if isinstance(value, Fraction) else decimal(value)
     if _PLAIN % exact.denominator == 0 and abs(exact) < _MOST_PLAIN:
         return float(exact)
