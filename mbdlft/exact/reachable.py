@@ -54,7 +54,7 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
     M = whole[:, : n + inputs]
     by_doubles = n > _MOST_BY_BALLS
     spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime, is_traced=by_doubles)
-    small = [k for k, space in enumerate(spaces) if not space.is_full]
+    small = _partial(spaces)
     if not small:
         return whole, sizes
     rough = rough_values(M)
@@ -65,7 +65,7 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
         spaces = [_in_rows(space, _pivot_rows(Q)) for space, Q in zip(spaces, roughly, strict=True)]
     graphs = [
         _graph(basis, spaces[k].pivots, scale[blocks[k]])
-        for k, basis in zip(small, _bases(M, blocks, spaces, small), strict=True)
+        for k, basis in zip(small, _bases(M, blocks, spaces), strict=True)
     ]
     chosen = [np.arange(size) for size in sizes]
     for k, graph in zip(small, graphs, strict=True):
@@ -215,9 +215,12 @@ class _Basis:
         return left[:, self.pivots[columns]] + left[:, found] @ self.matrix[found][:, columns]
 
 
-def _bases(
-    M: ExactMatrix, blocks: list[slice], spaces: list[Space], small: list[int]
-) -> list[ExactMatrix]:
+def _partial(spaces: Sequence[Space]) -> list[int]:
+    """Those that are not the whole space."""
+    return [k for k, space in enumerate(spaces) if len(space.pivots) < space.size]
+
+
+def _bases(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
     """The basis (n_k, d_k) of each space that is not the whole one, the identity in its pivots.
 
     Vectors of a space are the columns of M12 and what M11 makes of columns of the bases that are known:
@@ -225,6 +228,7 @@ def _bases(
     each other.
     """
     n, is_whole = blocks[-1].stop, np.ones(blocks[-1].stop, dtype=bool)
+    small = _partial(spaces)
     for k in small:
         is_whole[blocks[k]] = False
     inner, parts = M[np.flatnonzero(~is_whole)], parts_of([spaces[k].size for k in small])

@@ -1,6 +1,8 @@
 """The page of the architecture names the rooms that exist; new kinds are one line in one list."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from fractions import Fraction
 from pathlib import Path
@@ -10,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from benchmarks.moves import TARGET_FILES, TARGET_MOVES
 from mbdlft.base.description import Expected, Quantity, Values
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import Freedom, Signal
@@ -229,3 +232,15 @@ def test_new_kinds_are_one_line_in_a_list(monkeypatch: pytest.MonkeyPatch) -> No
     for name in ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu"):
         assert np.array_equal(getattr(new, name), getattr(old, name)), name
     assert new.A[1, 0] == -1.0  # -k/(2 half) = -3/3
+
+
+def test_how_far_a_parameter_travels() -> None:
+    """In a process of its own: what others have looked up is not called again."""
+    command = [sys.executable, "-m", "benchmarks.moves", "--pairs", "1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    counts = {
+        what: int(n)
+        for what, n in re.findall(r"^\| (.+?) \| .*\| (\d+)( \(missed\))? \|$", done.stdout, re.M)
+    }
+    assert 40 <= counts["files"] <= TARGET_FILES
+    assert 900 <= counts["moves between files"] <= TARGET_MOVES

@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.cli import options
-from mbdlft.order import search
+from mbdlft.order import work
 from tests import kit
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
@@ -135,7 +135,7 @@ def test_json_has_the_promised_keys(call: Call) -> None:
 
 
 def test_default_budget_is_that_of_the_package() -> None:
-    assert options.SEARCH == search.SEARCH
+    assert options.SEARCH == work.SEARCH
 
 
 SERVO = """
