@@ -369,6 +369,14 @@ def test_a_row_that_needs_a_power_of_the_matrix() -> None:
     assert np.array_equal(rough_values(found), [[1.0, 0.0], [0.0, 1.0], [1.0, 2.0]])
 
 
+def test_a_space_that_only_a_whole_one_leads_to() -> None:
+    """The input moves the one channel of the first delta, and that (1, 2) of the second."""
+    M = exact_matrix([[0, 1, 0, 1], [1, 0, 0, 0], [2, 0, 0, 0]])
+    spaces = reachable_bases(M.residues[:, :3], M.residues[:, 3:], [1, 2], PRIME)
+    (found,) = module._bases(M, [slice(0, 1), slice(1, 3)], spaces)
+    assert np.array_equal(rough_values(found), [[1.0], [2.0]])
+
+
 def test_rows_that_doubles_take_for_independent() -> None:
     """Row 4 is 7/10 of row 3, of size 1e25: doubles choose both, by what rounding leaves of row 4."""
     far = [Fraction(10**25), Fraction(10**25, 3)]
