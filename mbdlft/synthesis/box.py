@@ -30,16 +30,8 @@ from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
 from mbdlft.synthesis.reached import Progress, Tuning, as_matrices, as_tuning, least_values
-from mbdlft.synthesis.tuning import (
-    Tuned,
-    Tuner,
-    Way,
-    begun,
-    begun_again,
-    check_stabilizable,
-    taken_on,
-    tuned,
-)
+from mbdlft.synthesis.starts import Way, begun, begun_again, check_stabilizable, taken_on, tuned
+from mbdlft.synthesis.tuning import Tuned, Tuner
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
 _MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
@@ -99,7 +91,8 @@ def tune(
         States on which nothing else depends, such as positions of a free body: they count in no goal, and
         need not be stable.
     starts : int
-        The first from the initial values, others from random ones.
+        The first from the initial values, as many as half from random ones, and the others from the
+        best of these, with other signs and sizes.
     seed : int
     prove : bool
         Whether goals are proved on the box; those of poles and gains can be.
@@ -218,7 +211,7 @@ def _at_worst_points(
             yield later
     if not (_COSTLY * nominal < best.look.soft < np.inf and task.way.starts > 1):
         return
-    other = begun_again(task.tuner(points), task.way)
+    other = begun_again(task.tuner(points), best.x, task.way)
     if other is not None and other.rank() < best.rank():
         task.say(f"{len(points)} points, other starts, {_said(other.look)}")
         ends = np.ones(points.shape[1])

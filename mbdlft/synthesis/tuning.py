@@ -1,45 +1,42 @@
 """The tuner: free values of controllers for goals at the nominal point, or at several points of the box.
 
-From each start the loop is made stable, by SQP on the real parts of its poles, or by BFGS, which goes on
-where poles that meet have no slopes. SQP or BFGS on the goals follows, roughly. The best of all starts
-are taken on with other numbers of pieces until that gains nothing. Where the whole box is not much worse
-than tuned, many gains are equal: steps that know how each of them bends follow (`sqcqp`). Each variable
-is divided by a scale: that of its value, changed where its slopes are small or large beside those of
-others.
+The loop is made stable, by SQP on the real parts of its poles, or by BFGS, which goes on where poles that
+meet have no slopes. SQP or BFGS on the goals follows. Each variable is divided by a scale: that of its
+value, changed where its slopes are small or large beside those of others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from copy import copy
-from typing import NamedTuple
+from fractions import Fraction
+from typing import Any, NamedTuple
 
+import flint
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
+from mbdlft.exact.modular import multiplied, solved
+from mbdlft.exact.numbers import Field
 from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.bisect.boxes import Crew
-from mbdlft.robust.bisect.search import by_itself
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
-from mbdlft.synthesis.conic import sqcqp
 from mbdlft.synthesis.curvature import Bends, bends, curvatures
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, UNSTABLE, Asked, Flags, Look, Place, abscissas, look
-from mbdlft.synthesis.fixed import fixed_poles
-from mbdlft.synthesis.goals import H2, HINF, MARGIN, Goal
+from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
 from mbdlft.synthesis.pieces import in_modes
 
 _DECAY, _STABLE, _NEAR = 1e-5, 1e-3, 0.05  # of the bandwidth: decay to be kept, aimed at, and of pieces
 _BESIDE = 0.3  # of a scale: how far the second search for stable values begins from the first
-_STABLE_STEPS, _FIRST_STEPS, _STEPS, _ROUNDS = 80, 80, 250, 8
+_STABLE_STEPS, STEPS, ROUNDS = 80, 250, 8
 _KEEPS = (0.9, 0.7, 0.8, 0.6)  # parts of the largest from which on peaks are pieces, by round
-_TOLERANCE, _ROUGH = 1e-7, 1e-5  # of the merit; while points are added
+_TOLERANCE = 1e-7  # of the merit
 _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
@@ -50,30 +47,12 @@ _PEAK = 1e-9  # of a norm: its tolerance
 # times what stable loops reach, while others are made stable; little enough to come back, and more than
 # the 1.1 from which on the box counts as near
 _KEPT = 1.3
-_BEST = 2  # of the first descents are taken on by a round, and the better one by more
 Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
-# from the first start both, from the others one or the other
-_PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
-_TAKEN_ON: Plan = ((sqp, 0.8), (sqp, 0.7))  # of values that come from fewer points
-_NEAR_END: Plan = ((sqp, 0.8), (sqcqp, 0.7))  # the same near the end, where many gains are equal
-Told = Callable[[str], None]
 
 
 def _where(pole: complex, size: float) -> str:
     return "on the right" if pole.real > AXIS * size else "on the axis"
-
-
-class Way(NamedTuple):
-    """How values are sought: from so many starts, by a seed; a crew takes some of them at once.
-
-    What is found does not depend on the crew: starts after one that is good enough are not taken.
-    """
-
-    starts: int
-    seed: int
-    crew: Crew = by_itself
-    at_once: int = 1
 
 
 class Tuned(NamedTuple):
@@ -214,11 +193,11 @@ class Tuner:
         self.scale = self.first_scale / np.maximum(1.0, largest)
         return x
 
-    def polished(self, best: Tuned, rounds: Sequence[int] = range(_ROUNDS)) -> Tuned:
+    def polished(self, best: Tuned, rounds: Sequence[int] = range(ROUNDS)) -> Tuned:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         idle = 0
         for k in rounds:
-            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
+            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
             gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
@@ -327,129 +306,7 @@ class Tuner:
         return sorted({0, *(p.point for p in found.pieces if p.value >= levels[p.goal])})
 
 
-def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
-    """Where searches begin: the initial values, then random ones in their ranges.
-
-    Their sizes are those of the scales, up to a factor of ten either way for each value: scales are
-    guesses, and other minima often lie where some values are much larger than others.
-    """
-    random = np.random.default_rng(seed)
-    initial = np.array([value.initial for value in tuner.net.free])
-    yield initial
-    for _ in range(starts - 1):
-        sizes = tuner.first_scale * 10.0 ** random.uniform(-1.0, 1.0, len(initial))
-        x = initial + sizes * random.standard_normal(len(initial))
-        yield np.clip(x, tuner.low, tuner.high)
-
-
-def _stable(tuner: Tuner, start: Array) -> tuple[Array, float]:
-    with tuner.in_doubles(start):
-        return copy(tuner).stabilized(start)
-
-
-def _rough(tuner: Tuner, x: Array, plan: Plan) -> Tuned:
-    with tuner.in_doubles(x):
-        return copy(tuner).descended(x, plan, _STEPS, is_first=True, tolerance=_ROUGH)
-
-
-def _polished(tuner: Tuner, best: Tuned) -> tuple[Array, Array]:
-    """Values after a first round, and the frequencies that the grid needs to have there."""
-    own = copy(tuner)
-    return own.polished(best, range(1)).x, own.asked.extra
-
-
-def _from_starts(tuner: Tuner, way: Way) -> Iterator[tuple[Array, float, list[Tuned]]]:
-    """Of each start the values that are as stable as they get, their real part, and where they lead.
-
-    The first is taken with both plans, the others with one or the other.
-    """
-    starts, done = [*begun(tuner, way.starts, way.seed)], 0
-    while done < len(starts):
-        some = starts[done : done + (way.at_once if done else 1)]
-        ends = way.crew(_stable, [(tuner, start) for start in some])
-        tasks = [
-            (k, (tuner, x, plan))
-            for k, (x, real) in enumerate(ends, done)
-            for plan in (_PLANS if not k else (_PLANS[k % 2],))
-            if real < 0.0
-        ]
-        reached = way.crew(_rough, [task for _, task in tasks])
-        for k, (x, real) in enumerate(ends, done):
-            yield x, real, [best for best, (start, _) in zip(reached, tasks, strict=True) if start == k]
-        done += len(some)
-
-
-def tuned(
-    tuner: Tuner,
-    way: Way,
-    say: Told,
-    enough: float = 0.0,
-    is_rough: Callable[[Tuned], bool] = lambda best: False,
-) -> Iterator[Tuned]:
-    """The best of the starts so far, and at last the best of several taken on.
-
-    No more searches begin when soft goals are at most `enough`. Nothing is taken on where it `is_rough`.
-    An AnalysisError says that no start led to stable loops, and which pole is on the right.
-    """
-    found: list[Tuned] = []
-    nearest = (np.inf, np.zeros(len(tuner.net.free)))
-    for count, (x, real, reached) in enumerate(_from_starts(tuner, way), 1):
-        found += reached
-        if not reached:
-            nearest = min(nearest, (real, x), key=lambda pair: pair[0])
-            say(f"start {count} of {way.starts}, not stable: real part {real:.3g}")
-            continue
-        best = min(found, key=Tuned.rank)
-        yield best
-        say(f"start {count} of {way.starts}, best {best.look.soft:.4g}")
-        if best.rank() <= (0.0, enough):
-            break
-    if not found:
-        raise AnalysisError(tuner.unstable(nearest[1]))
-    if not is_rough(best):
-        some = [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
-        ends = way.crew(_polished, some)
-        extra = np.unique(np.concatenate([seen for _, seen in ends]))
-        tuner.asked = tuner.asked._replace(extra=extra)
-        best = tuner.polished(min((tuner.at(x) for x, _ in ends), key=Tuned.rank), range(1, _ROUNDS))
-    for goal, (value, _) in zip(tuner.goals, tuner.worst(best.x), strict=True):
-        if value == np.inf:
-            raise AnalysisError(
-                f"tune: goal {goal.name!r}: the H2 norm is infinite, as there is a direct path from its "
-                "inputs to its outputs. Give a weight with more poles than zeros, before or after."
-                if goal.kind == H2
-                else f"tune: goal {goal.name!r}: it is not finite beside its limit, {goal.limit:g}."
-            )
-    yield best
-
-
-def check_stabilizable(tuner: Tuner, x: Array, way: Way) -> None:
-    """An AnalysisError says that loops were made stable neither from values x nor from other starts.
-
-    What no values can move at the first point is said before.
-    """
-    tuner.check_fixed()
-    ends = []
-    for start in (x, *begun(tuner, way.starts, way.seed)):
-        values, real = tuner.stabilized(start)
-        if real < 0.0:
-            return
-        ends.append((real, values))
-    raise AnalysisError(tuner.unstable(min(ends, key=lambda end: end[0])[1]))
-
-
-def taken_on(tuner: Tuner, x: Array, way: Way, *, is_near: bool = False) -> Tuned:
-    """Values of other points, made stable at these and tuned; from new starts, where that fails."""
-    stable = x if tuner.at(x).look.is_stable else _stabilized_beside(tuner, x)
-    if stable is None:
-        stable, real = tuner.stabilized(x)
-        if real >= 0.0:
-            *_, best = tuned(tuner, way, lambda text: None)
-            return best
-    return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
-
-
-def _stabilized_beside(tuner: Tuner, x: Array) -> Array | None:
+def stabilized_beside(tuner: Tuner, x: Array) -> Array | None:
     """Values near x with which all loops are stable, where some are: what these reach is not lost.
 
     It may grow by a factor, and is a hard goal beside the poles of the others. None if that fails.
@@ -485,9 +342,46 @@ def _stabilized_beside(tuner: Tuner, x: Array) -> Array | None:
     return ended if tuner.at(ended).look.is_stable else None
 
 
-def begun_again(tuner: Tuner, way: Way) -> Tuned | None:
-    """The best from all starts but the first; None if no loop became stable."""
-    starts = [*begun(tuner, way.starts, way.seed)][1:]
-    ends = way.crew(_stable, [(tuner, start) for start in starts])
-    found = way.crew(_rough, [(tuner, x, _PLANS[0]) for x, real in ends if real < 0.0])
-    return tuner.polished(min(found, key=Tuned.rank)) if found else None
+def fixed_poles(family: Family, scale: Array) -> NDArray[np.complex128]:
+    """Poles (k,) on the right, or zero, of the loop at the first point with any values, of this scale.
+
+    Such are modes that the controllers do not see or do not drive, and others that their structure leaves
+    fixed (Wang, Davison, IEEE Transactions on Automatic Control 18, 1973). They are the roots that
+    det(s I - A(x)) has for all x. Doubles count as they are written: how many there are, and how often 0
+    is one, is decided modulo a prime, at random x. Where they are, eigenvalues say.
+    """
+    polynomials = [_characteristic(family, seed) for seed in (0, 1)]
+    common = polynomials[0].gcd(polynomials[1])
+    draws = [np.random.default_rng(seed).standard_normal(len(scale)) * scale for seed in (2, 3)]
+    loops = [closed for draw in draws if (closed := family.closed(draw)) is not None]
+    if not common.degree() or len(loops) < 2:
+        return np.zeros(0, dtype=np.complex128)
+    here, there = (np.linalg.eigvals(loop.A[0]).astype(np.complex128) for loop in loops)
+    moved = np.min(np.abs(here[:, None] - there), axis=1)
+    poles = here[np.argsort(moved)[: common.degree()]]
+    zeros = next(k for k in range(common.degree() + 1) if common[k] != 0)
+    poles[np.argsort(np.abs(poles))[:zeros]] = 0.0
+    return np.asarray(poles[(poles == 0.0) | (poles.real > AXIS * np.max(np.abs(here)))])
+
+
+def _characteristic(family: Family, seed: int) -> Any:
+    """det(s I - A(x)) modulo a prime, at random x."""
+    n, field = family.states, Field(())
+
+    def residues(values: Array) -> NDArray[np.int64]:
+        of_each = [field.residue(Fraction(float(x))) for x in values.ravel()]
+        return np.array([int(x) for x in of_each], dtype=np.int64).reshape(values.shape)
+
+    p = field.prime
+    x = np.random.default_rng(seed).integers(1, 2**59, len(family.moves))
+    S = residues(family.base)
+    for value, move in zip(x.tolist(), family.moves, strict=True):
+        i, j = np.nonzero(move)
+        S[i, j] = [
+            (int(s) + value * int(m)) % p for s, m in zip(S[i, j], residues(move[i, j]), strict=True)
+        ]
+    L, R, D = residues(family.L[0, :n]), residues(family.R[0, :, :n]), residues(family.D22[0])
+    inner = (np.eye(len(S), dtype=np.int64) - multiplied(S, D, p)) % p
+    gain = solved(inner, multiplied(S, R, p), p)
+    A = (residues(family.X[0, :n, :n]) + multiplied(L, gain, p)) % p
+    return flint.nmod_mat(n, n, A.ravel().tolist(), p).charpoly()
