@@ -58,6 +58,7 @@ _ROUNDING = 1e-12  # of the size at nominal: what rounding of the data may leave
 class _Names(NamedTuple):
     """What the names in the quantities of a scene are."""
 
+    scene: Scene
     constants: dict[str, float]  # in SI units
     plain: dict[str, Parameter]
     angles: dict[str, Parameter]
@@ -66,14 +67,14 @@ class _Names(NamedTuple):
     def of(scene: Scene) -> "_Names":
         angles = {p.name: p for p in scene.parameters if p.is_angle}
         plain = {p.name: p for p in scene.parameters if p.name not in angles}
-        return _Names(scene.constant_values(), plain, angles)
+        return _Names(scene, scene.constant_values(), plain, angles)
 
 
 def check(scene: Scene) -> None:
     """Raise an error for the first quantity of a scene that cannot be used."""
     known, dimensions = _Names.of(scene), dimensions_of(scene)
     sampled = {
-        owner: _check_quantities(scene, known, owner, quantities, dimensions)
+        owner: _check_quantities(known, owner, quantities, dimensions)
         for owner, quantities in owners(scene)
     }
     _check_steady(scene, sampled[f"scene {scene.name!r}"])
@@ -136,11 +137,7 @@ def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
 
 
 def _check_quantities(
-    scene: Scene,
-    known: _Names,
-    owner: str,
-    quantities: Mapping[str, Expected],
-    dimensions: Mapping[str, Any],
+    known: _Names, owner: str, quantities: Mapping[str, Expected], dimensions: Mapping[str, Any]
 ) -> dict[str, NDArray[np.float64]]:
     """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
     texts = [(k, e) for k, e in quantities.items() if not isinstance(e.source, float)]
@@ -153,13 +150,13 @@ def _check_quantities(
             sampled[label] = _at_all(samples, expected.source)
             continue
         if expected.unit == "rad":
-            arctangents = angle_at(scene, place, expected).arctangents
+            arctangents = angle_at(known.scene, place, expected).arctangents
             if not arctangents and label in expressions:
                 check_dimension(place, expected, expressions[label], dimensions)
             for tangent in arctangents:  # plain numbers
                 inside = Place(owner, f"{label}, atan")
                 plain = Expected(write(tangent), "1")
-                _checked(scene, known, inside, plain, tangent, dimensions, samples)
+                _checked(known, inside, plain, tangent, dimensions, samples)
             continue
         expression = expressions[label]
         for name in sorted(names(expression) & known.angles.keys()):
@@ -170,12 +167,11 @@ def _check_quantities(
                 "place, with the cosine (1 - t^2)/(1 + t^2), the sine 2*t/(1 + t^2), and the angle "
                 "2*atan(t)."
             )
-        sampled[label] = _checked(scene, known, place, expected, expression, dimensions, samples)
+        sampled[label] = _checked(known, place, expected, expression, dimensions, samples)
     return sampled
 
 
 def _checked(
-    scene: Scene,
     known: _Names,
     place: Place,
     expected: Expected,
@@ -192,7 +188,7 @@ def _checked(
         _check_denominators(known, place, divisors)
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
-    if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
+    if known.scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
         check_dimension(place, expected, expression, dimensions)
     values = _at_all(samples, value)
     if not np.all(np.isfinite(values)):
