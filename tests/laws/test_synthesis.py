@@ -495,10 +495,10 @@ def test_what_is_found_does_not_depend_on_workers(monkeypatch: pytest.MonkeyPatc
     for workers in (1, 2):
         said = list[str]()
         made = tune(
-            [PLANT, PID], GOALS[:3:2], LOOP, starts=4, prove=False, workers=workers, progress=said.append
+            [PLANT, PID], GOALS[:3:2], LOOP, starts=6, prove=False, workers=workers, progress=said.append
         )
         ways.append((said, (made.values, made.points)))
-    assert "start 4 of 4" in "".join(ways[0][0])
+    assert "start 6 of 6" in "".join(ways[0][0])
     assert ways[0] == ways[1]
 
 
