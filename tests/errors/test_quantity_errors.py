@@ -34,11 +34,15 @@ sin(theta1) => 'sin(theta1)': sin(theta1) is not
 > {} => NotRationalError:
 arm(MASS, 'mass = "m1/(L1 - 1)"')
     => SceneError: body 'link1', mass = 'm1/(L1 - 1)': division by zero in a constant.
+arm(MASS, 'mass = "m1^2/(m1/(L1 - 1))"')
+    => SceneError: body 'link1', mass = 'm1^2/(m1/(L1 - 1))': division by zero in a constant.
 arm(MASS, 'mass = "m1*sqrt(-L1)"')
     => SceneError: body 'link1', mass = 'm1*sqrt(-L1)': sqrt of the negative number -1.0.
 > arm({}) => SceneError:
 MASS, 'mass = "m11"'
     => body 'link1', mass = 'm11': unknown name 'm11'. Did you mean 'm1'? Existing: J1, L1,
+MASS, 'mass = "m1/(m1*zz)"'
+    => body 'link1', mass = 'm1/(m1*zz)': unknown name 'zz'. Existing: J1, L1,
 '"rho1*L1"', '"rho*L1"'
     => body 'link1', center_of_mass.y = 'rho*L1': unknown name 'rho'. Did you mean 'rho1'?
 'position = "theta1"', 'position = "theta"'

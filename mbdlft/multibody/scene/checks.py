@@ -184,10 +184,10 @@ def _checked(
         check_degree(expression, dict.fromkeys((*known.plain, *known.angles), 1))
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
-    if divisors := denominators(expression):
-        _check_denominators(known, place, divisors)
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
+    if divisors := denominators(expression):
+        _check_denominators(known, place, divisors)
     if known.scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
         check_dimension(place, expected, expression, dimensions)
     values = _at_all(samples, value)
