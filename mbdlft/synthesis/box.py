@@ -115,9 +115,9 @@ def tune(
         No values were found with which the loops are stable: the message names the pole, and the point.
         A goal is an H2 norm with a direct path.
     """
-    if not (isinstance(starts, int) and starts > 0):
+    if isinstance(starts, bool) or not (isinstance(starts, int | np.integer) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
-    if not (isinstance(seed, int) and seed >= 0):
+    if isinstance(seed, bool) or not (isinstance(seed, int | np.integer) and seed >= 0):
         raise StructureError(f"tune: expected a seed from 0 up, got {seed!r}.")
     check_numbers("tune", gap=gap, work=work)
     say = progress or (lambda text: None)
@@ -179,6 +179,9 @@ def _improved(
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
     """The network with other initial values."""
     check_known("value", initial, [value.name for value in net.free], "tune: initial", StructureError)
+    for name, value in initial.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise StructureError(f"tune: initial: {name!r}: expected a finite number, got {value!r}.")
     numbers = {
         name: float(to_delta(net.design[name].parameter, value)) if name in net.design else value
         for name, value in initial.items()

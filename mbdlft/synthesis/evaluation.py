@@ -106,9 +106,9 @@ def _poles(family: Family, closed: Closed) -> _Poles:
         except np.linalg.LinAlgError:  # a multiple pole: its slopes are those of poles beside it
             U = np.linalg.pinv(V)
     left, right = U @ closed.L[:, :n], closed.R[:, :, :n] @ V
-    slopes = (left[..., None] * np.swapaxes(right, 1, 2)[:, :, None, :]).reshape(
-        *poles.shape, -1
-    ) @ family.moves.reshape(len(family.moves), -1).T
+    pairs = left[..., None] * np.swapaxes(right, 1, 2)[:, :, None, :]
+    moves = family.moves.reshape(len(family.moves), -1)
+    slopes = pairs.reshape(*poles.shape, moves.shape[1]) @ moves.T
     return _Poles(poles, slopes, V, U)
 
 
@@ -365,7 +365,7 @@ def _by_modes(found: _Poles, T: StateMatrices) -> Response:
     """Values (k, F, nz, nw) of chosen points (k,) at frequencies (k, F), as sums over modes."""
     (nz, n), nw = T.C.shape[1:], T.B.shape[2]
     before, after = found.left @ T.B, np.swapaxes(T.C @ found.right, 1, 2)
-    residues = (after[..., None] * before[:, :, None]).reshape(-1, n, nz * nw)
+    residues = (after[..., None] * before[:, :, None]).reshape(len(before), n, nz * nw)
 
     def response(points: Index, omega: Array) -> Complex:
         with np.errstate(all="ignore"):

@@ -151,7 +151,9 @@ def as_tuning(
             how = None
     values = _values(net, x)
     controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
-    loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), x, net.system.name)
+    has_channels = net.inputs and net.outputs  # goals of poles name none
+    whole = Goal(HINF, "loop", net.inputs, net.outputs) if has_channels else None
+    loop = closed_loop(net, whole, x, net.system.name)
     physical = tuple(_physical(net, point) for point in points)
     return Tuning(controllers, values, tuple(reached), physical, loop)
 

@@ -22,6 +22,7 @@ from mbdlft.synthesis.goals import H2
 from mbdlft.synthesis.tuning import ROUNDS, STEPS, Plan, Tuned, Tuner, stabilized_beside
 
 _FIRST_STEPS, _ROUGH = 80, 1e-5  # tolerance of the merit while points are added
+_LEAST = 0.1  # of the first scale of a value: it is not smaller when it is turned
 _BEST = 2  # of the first descents are taken on by a round, and the better one by more
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
@@ -61,11 +62,17 @@ def turned(tuner: Tuner, x: Array, count: int, seed: int) -> list[Array]:
     """Values x with random signs, and sizes up to a factor of ten either way, in their ranges.
 
     Other minima often have values of such sizes: of two inputs of a plant each may do what the other did.
+    What leaves a range is reflected at its end, or anywhere in it.
     """
-    random, x = np.random.default_rng([seed, 1]), np.where(x == 0.0, tuner.first_scale, x)
-    signs = random.choice([-1.0, 1.0], (count, len(x)))
-    starts = signs * x * 10.0 ** random.uniform(-1.0, 1.0, (count, len(x)))
-    return [np.where((y < tuner.low) | (y > tuner.high), x, y) for y in starts]
+    random, low, high = np.random.default_rng([seed, 1]), tuner.low, tuner.high
+    sizes, shape = np.maximum(np.abs(x), _LEAST * tuner.first_scale), (count, len(x))
+    starts = random.choice([-1.0, 1.0], shape) * sizes * 10.0 ** random.uniform(-1.0, 1.0, shape)
+    starts = np.where(
+        starts < low, 2.0 * low - starts, np.where(starts > high, 2.0 * high - starts, starts)
+    )
+    ends = [np.where(np.isfinite(high - low), end, 0.0) for end in (low, high)]
+    anywhere = random.uniform(*ends, shape)  # of a range with two ends
+    return [*np.clip(np.where((starts < low) | (starts > high), anywhere, starts), low, high)]
 
 
 def _stable(tuner: Tuner, start: Array) -> tuple[Array, float]:

@@ -72,6 +72,9 @@ made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
 made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in no goal is one of `inputs`
 made(systems=(LAG, UP_TO_TWO), wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
+tune([PLANT, PID], [GOAL], [], starts=True) => expected starts from 1 up, got True
+made(initial={"K.kp": np.nan}) => tune: initial: 'K.kp': expected a finite number, got nan.
+made(initial={"K.kp": "3"}) => tune: initial: 'K.kp': expected a finite number, got '3'.
 tune([PLANT, PID], [GOAL], [], seed=-1) => expected a seed from 0 up, got -1
 tune([PLANT, PID], [GOAL], [], gap=np.nan) => AnalysisError: tune: gap: expected a number between 0 and 1
 tune([PLANT, PID], [GOAL], [], work=-1) => AnalysisError: tune: work: expected a number between 0 and inf

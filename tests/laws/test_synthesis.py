@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given as of_any
+from hypothesis import strategies as st
 from mpmath import mp
 
 import mbdlft
@@ -36,7 +38,7 @@ from mbdlft.synthesis.descent import _CURVED, _NEAR, Problem, _directions, _piec
 from mbdlft.synthesis.evaluation import Asked, Look, Piece, _largest, look
 from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
 from mbdlft.synthesis.pieces import in_modes
-from mbdlft.synthesis.starts import Way, _from_starts, begun, taken_on
+from mbdlft.synthesis.starts import Way, _from_starts, begun, taken_on, turned
 from mbdlft.synthesis.tuning import Tuner
 from mbdlft.system import state_space
 from tests.attack.tunings import task
@@ -296,6 +298,32 @@ def test_the_best_with_other_signs_leads_to_a_better_one() -> None:
     ends = [best.look.soft for *_, reached in _from_starts(tuner, Way(8, 0)) for best in reached]
     assert min(ends[:5]) > 1.38
     assert min(ends) < 1.18
+
+
+@of_any(st.integers(0, 10**6))
+def test_starts_that_are_turned_stay_in_their_ranges(seed: int) -> None:
+    """Of two ends, of one, around zero, and where the value is at an end: each moves."""
+    low = np.array([0.0, -0.01, 2.0, -np.inf, -np.inf, 5.0])
+    high = np.array([0.1, 5.0, np.inf, 0.0, np.inf, 5.001])
+    tuner: Any = SimpleNamespace(first_scale=np.ones(6), low=low, high=high)
+    x = np.array([0.0, -0.01, 2.0, 0.0, 3.0, 5.0])
+    starts = np.array(turned(tuner, x, 30, seed))
+    assert np.all((starts >= low) & (starts <= high))
+    assert np.all(np.ptp(starts, axis=0) > 0.0)
+
+
+def test_what_has_no_states() -> None:
+    """y = w + 0.5 k y is w over 1 - 0.5 k, at best at one end of k."""
+    plant = mbdlft.realize([["1", "0.5"]], [], states=0, inputs=["w", "u"], outputs=["y"], name="P")
+    gain = tunable_gain("K", "a", "k", ranges={"D[1,1]": (-3, 3)})
+    made = tune([plant, gain], [gain_goal("w", "y")], [("u", "k"), ("a", "y")], prove=False)
+    target(made.soft, 1.0 / 2.5, CLOSED_FORM)
+
+
+def test_a_goal_of_poles_alone() -> None:
+    """No goal names a channel, and the loop has none."""
+    made = tune([PLANT, PID], [pole_goal(decay=0.3)], [["f", "u"], ["e", "-y"]], prove=False)
+    assert np.all(mbdlft.poles(made.loop).real < -0.29)
 
 
 @pytest.mark.parametrize("shape", [(1, 3), (2, 3), (4, 2), (3, 4)])
