@@ -202,9 +202,13 @@ def low_relations(F: RationalMatrix, work: Work) -> list[list[Terms]] | None:
 
 @lru_cache(maxsize=2 * _MOST_DEGREE)  # they are those of all primes
 def _monomials(box: Sequence[int], most: int) -> list[tuple[int, ...]]:
-    """Exponents of a total degree of at most so much, the highest first."""
-    inside = itertools.product(*(range(max(size, 2)) for size in box))
-    return sorted((e for e in inside if sum(e) <= most), key=lambda e: (-sum(e), e))
+    """Exponents of a total degree of at most so much, the highest first; some, if they are too many."""
+    known = [(0, tuple[int, ...]())]
+    for size in box:
+        known = [(d + k, (*e, k)) for d, e in known for k in range(min(max(size, 2), most - d + 1))]
+        if len(known) > _MOST_UNKNOWNS:
+            break
+    return [e for _, e in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
 
 
 def _values(monomials: Sequence[tuple[int, ...]] | Residues, points: Residues, prime: int) -> Residues:

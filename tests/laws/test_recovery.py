@@ -22,7 +22,8 @@ from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
-from mbdlft.order.rational import RationalMatrix, Terms, lifted, low_relations
+from mbdlft.order import rational
+from mbdlft.order.rational import RationalMatrix, Terms, _monomials, lifted, low_relations
 from mbdlft.order.recovery import Recovered, recovered
 from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work
@@ -459,3 +460,12 @@ def test_no_matrix_between_all_channels() -> None:
     raw = sum(found.channels.values())
     assert 3 * found.lft.order < raw
     assert peak < 16 * raw**2, "a matrix between all channels: a residue and a ball each"
+
+
+def test_monomials_of_many_parameters() -> None:
+    """Of 40 parameters up to the second degree; of 400 they are too many, and not all are listed."""
+    found = _monomials((2,) * 40, 2)
+    assert len(found) == len(set(found)) == 1 + 40 + 40 * 39 // 2
+    assert found == sorted(found, key=lambda e: (-sum(e), e))
+    assert _monomials((3, 2), 2) == [(1, 1), (2, 0), (0, 1), (1, 0), (0, 0)]
+    assert rational._MOST_UNKNOWNS < len(_monomials((2,) * 400, 4)) < 400**3
