@@ -70,8 +70,8 @@ def turned(tuner: Tuner, x: Array, count: int, seed: int) -> list[Array]:
     starts = np.where(
         starts < low, 2.0 * low - starts, np.where(starts > high, 2.0 * high - starts, starts)
     )
-    ends = [np.where(np.isfinite(high - low), end, 0.0) for end in (low, high)]
-    anywhere = random.uniform(*ends, shape)  # of a range with two ends
+    first, last = (np.where(np.isfinite(high - low), end, 0.0) for end in (low, high))
+    anywhere = first + (last - first) * random.random(shape)  # of a range with two ends
     return [*np.clip(np.where((starts < low) | (starts > high), anywhere, starts), low, high)]
 
 
