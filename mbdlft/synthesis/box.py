@@ -19,7 +19,7 @@ import numpy as np
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
-from mbdlft.base.parameter import to_delta
+from mbdlft.base.parameter import is_finite, to_delta
 from mbdlft.base.running import one_thread
 from mbdlft.base.worker import processes_of
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
@@ -180,7 +180,7 @@ def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
     """The network with other initial values."""
     check_known("value", initial, [value.name for value in net.free], "tune: initial", StructureError)
     for name, value in initial.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        if not is_finite(value):
             raise StructureError(f"tune: initial: {name!r}: expected a finite number, got {value!r}.")
     numbers = {
         name: float(to_delta(net.design[name].parameter, value)) if name in net.design else value

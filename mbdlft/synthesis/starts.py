@@ -67,9 +67,7 @@ def turned(tuner: Tuner, x: Array, count: int, seed: int) -> list[Array]:
     random, low, high = np.random.default_rng([seed, 1]), tuner.low, tuner.high
     sizes, shape = np.maximum(np.abs(x), _LEAST * tuner.first_scale), (count, len(x))
     starts = random.choice([-1.0, 1.0], shape) * sizes * 10.0 ** random.uniform(-1.0, 1.0, shape)
-    starts = np.where(
-        starts < low, 2.0 * low - starts, np.where(starts > high, 2.0 * high - starts, starts)
-    )
+    starts = 2.0 * np.clip(starts, low, high) - starts
     first, last = (np.where(np.isfinite(high - low), end, 0.0) for end in (low, high))
     anywhere = first + (last - first) * random.random(shape)  # of a range with two ends
     return [*np.clip(np.where((starts < low) | (starts > high), anywhere, starts), low, high)]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given as of_any
+from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp
 
@@ -300,7 +300,7 @@ def test_the_best_with_other_signs_leads_to_a_better_one() -> None:
     assert min(ends) < 1.18
 
 
-@of_any(st.integers(0, 10**6))
+@given(st.integers(0, 10**6))
 def test_starts_that_are_turned_stay_in_their_ranges(seed: int) -> None:
     """Of two ends, of one, around zero, and where the value is at an end: each moves."""
     low = np.array([0.0, -0.01, 2.0, -np.inf, -np.inf, 5.0])
@@ -419,13 +419,13 @@ def test_templates_have_the_weights_that_they_say() -> None:
 
 def test_margins_in_decibels_and_degrees() -> None:
     """A disk with a gain margin g has alpha = 2 (g - 1)/(g + 1), with a phase margin 2 tan(phase/2)."""
-    for given, alpha in (
+    for asked, alpha in (
         ({"gain": 20.0 * np.log10(3.0)}, 1.0),
         ({"phase": np.degrees(2.0 * np.arctan(0.4))}, 0.8),
         ({"margin": 0.5, "gain": 20.0 * np.log10(3.0), "phase": 10.0}, 1.0),
         ({"margin": 1.5, "gain": 6.0}, 1.5),
     ):
-        target([margin_goal("plant.f", **given).limit], [1.0 / alpha], CLOSED_FORM)
+        target([margin_goal("plant.f", **asked).limit], [1.0 / alpha], CLOSED_FORM)
 
 
 def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -475,8 +475,8 @@ def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pyt
 
     monkeypatch.setattr(box, "taken_on", descended)
     monkeypatch.setattr(box, "_worst_points", lambda *at: (np.zeros((0, 3)), at[1].look.soft))
-    given = {name: 0.9 * value for name, value in best.items()}
-    tune([PLANT, PID], [GOALS[0]], LOOP, initial=given, starts=1, prove=False)
+    begun_at = {name: 0.9 * value for name, value in best.items()}
+    tune([PLANT, PID], [GOALS[0]], LOOP, initial=begun_at, starts=1, prove=False)
     gains = -np.diff(np.log(reached))
     assert len(gains) > 2
     assert np.all(gains > 2e-3)
@@ -486,8 +486,8 @@ def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.Mo
     """Each begins at other points; with five parameters the third in vain is the last."""
     seeds = []
 
-    def in_vain(*given: Any) -> tuple[Any, float]:
-        seeds.append(given[-1])
+    def in_vain(*arguments: Any) -> tuple[Any, float]:
+        seeds.append(arguments[-1])
         return np.zeros((0, 5)), 1.0
 
     monkeypatch.setattr(box, "_worst_points", in_vain)

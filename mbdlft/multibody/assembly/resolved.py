@@ -280,7 +280,8 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
         is_input = degree.kind not in ("elastic", "patch")
         named = degree.measure(2) if imposed else degree.effort
         if len(efforts) in closure.yielding:
-            static = Signal(f"{degree.measure(0).name}.static", degree.measure(0).unit)
+            measure = degree.measure(0)
+            static = Signal(f"{measure.name}.static", measure.unit)
             if is_input:
                 deflections.append(Effort(static, None, is_input=False, is_default=False))
             else:
@@ -303,8 +304,7 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
             value = values[owner_name(coupling)].get("preload")
             signal = coupling.signal(scene.joints)
             efforts.append(Effort(signal, value, is_input=False, is_default=False))
-    every = multipliers_of(scene) if closure.rows else ()
-    of_rows = [signal for signals in every for signal in signals]
+    of_rows = [signal for some in multipliers_of(scene) for signal in some] if closure.rows else []
     forces = [Effort(of_rows[k], None, is_input=False, is_default=False) for k in closure.rows]
     return efforts + deflections + forces
 
