@@ -84,12 +84,10 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
         chosen[k] = e.u[k]
     load = ca.SX.sym("load", e.load.numel())
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    # xdot, z and u enter linearly as they are, beside what the spin of the frame makes
-    alone = ca.SX(ca.sparsify(ca.vertcat(*function(*none, *at))))
+    # xdot, z and u enter linearly, beside what the spin of the frame makes: it may cancel in each row
     moved = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, chosen, none[4], *at)))
-    if alone.nnz():
-        signals = ca.vertcat(e.xdot, e.z, rows_of(e.u, inputs))
-        moved = ca.SX(ca.jtimes(moved, signals, signals))
+    signals = ca.vertcat(e.xdot, e.z, rows_of(e.u, inputs))
+    moved = ca.SX(ca.jtimes(moved, signals, signals))
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
     displaced = ca.vertcat(*function(none[0], e.x, none[2], e.u, load, *at))
     columns = ca.jtimes(displaced, e.x, ca.DM.eye(e.x.numel()))
@@ -142,26 +140,6 @@ def _lifted(e: Equations, pairs: Sequence[tuple[ca.SX, ca.SX, int]]) -> Lifted |
     return Lifted(ca.vertcat(*signals), ca.vertcat(*displacements), tuple(map(felt.index, loads)), trim)
 
 
-def at_rest(
-    equations: Equations,
-    function: ca.Function,
-    u: ca.SX,
-    load: ca.SX,
-    at: tuple[ca.SX, ca.SX, ca.SX],
-    alone: ca.SX,
-    scale: ca.SX,
-) -> ca.SX:
-    """Residual at rest, times `scale` as u and load are; `alone` is that of the spin of the frame."""
-    e = equations
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    if not alone.nnz():
-        return ca.SX(function(*none[:3], u, load, *at)[0])
-    symbol = ca.SX.sym("load", e.load.numel())
-    residual, _ = function(*none[:3], e.u, symbol, *at)
-    acting = ca.jtimes(residual, ca.vertcat(e.u, symbol), ca.vertcat(u, load))
-    return ca.SX(acting + alone * scale)
-
-
 def trim_relations(equations: Equations) -> LinearModel:
     """Relations of the trim, left implicit: 0 = residual at rest, linear in u and in the load.
 
@@ -170,12 +148,12 @@ def trim_relations(equations: Equations) -> LinearModel:
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = exact_symbols(e.parameters)
     unknown, unit = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
-    u = ca.SX(given_value(e, p) * unit)
+    u, load = ca.SX(given_value(e, p) * unit), ca.SX.sym("load", e.load.numel())
     u[list(e.unknown)] = unknown
-    at = (p, cosine, sine)
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    alone = ca.sparsify(function(*none, *at)[0])
-    residual = at_rest(e, function, u, load_value(e, p) * unit, at, alone, unit)
+    at, none = (p, cosine, sine), [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
+    acting, _ = function(*none[:3], e.u, load, *at)  # linear in both, beside what the spin makes
+    acting = ca.jtimes(acting, ca.vertcat(e.u, load), ca.vertcat(u, load_value(e, p) * unit))
+    residual = acting + ca.sparsify(function(*none, *at)[0]) * unit
     rows = trim_rows(rounded(e))
     return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, unit, symbols, e.parameters)
 

@@ -226,3 +226,22 @@ def test_a_ball_is_held_on_an_inclined_plane() -> None:
     assert np.isclose(trim["touch.force.normal"], 16.0, rtol=close.CLOSED_FORM)
     at = mbdlft.matrices_at(model, {})
     close.target((at.C @ at.B)[:, 0], 5.0 / 14.0 * np.array([0.8, 0.6, 0.0]), close.CLOSED_FORM)
+
+
+def test_two_wheels_on_an_axle_that_turns() -> None:
+    """Centrifugal loads of the wheels cancel in each row; x and pitch by hand, as Lagrange has them."""
+    scene = mbdlft.load_scene(FOLDER / "segway.toml")
+    W = Parameter("W", 1.0, 0.5, 2.5, unit="rad/s")
+    rate = mbdlft.Spin(axis=(0, 0, 1), rate="W")
+    turning = scene.model_copy(update={"spin": rate, "parameters": (*scene.parameters, W)})
+    model, R, b = to_lft(turning, search=0.0), 0.2, 0.3
+    for m, h, d, w in ((100.0, 0.8, 0.6, 2.5), (50.0, 1.0, 0.3, 1.2)):
+        first, tilts = np.array([[m + 6.0, m * h], [m * h, m * h**2]]), np.diag([0.0, 1.0])
+        inertia = first + 12.0 * tilts + np.diag([0.12 / R**2, 0.0])
+        stiffness = w**2 * (first + (12.0 - 2.0) * tilts) + m * 9.81 * h * tilts
+        damping = 2.0 * d * np.outer([1 / R, -1], [1 / R, -1])
+        moving = np.linalg.solve(inertia, np.hstack([stiffness, -damping]))
+        yaw = -2.0 * d * (b / R) ** 2 / (2.0 + 2.0 * (0.03 + 3.0 * b**2) + 0.12 * (b / R) ** 2)
+        wanted = [*np.linalg.eigvals(np.vstack([np.eye(4)[2:], moving])), yaw]
+        found = np.linalg.eigvals(mbdlft.matrices_at(model, {"m": m, "h": h, "damping": d, "W": w}).A)
+        close.target(np.sort(found), np.sort(wanted), close.CLOSED_FORM, 20.0)
