@@ -8,6 +8,7 @@ and ascents with exact slopes. It proves nothing: at the end each goal is bounde
 frequencies by `worst_case_gain` and `worst_case`, and `verify` checks what is stored.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -18,7 +19,7 @@ import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, StructureError, check_known
+from mbdlft.base.errors import AnalysisError, MbdlftWarning, StructureError, check_known
 from mbdlft.base.parameter import is_finite, to_delta
 from mbdlft.base.running import one_thread
 from mbdlft.base.worker import processes_of
@@ -114,6 +115,11 @@ def tune(
     AnalysisError
         No values were found with which the loops are stable: the message names the pole, and the point.
         A goal is an H2 norm with a direct path.
+
+    Warns
+    -----
+    MbdlftWarning
+        Values that no goal limits would be better still ten times as large.
     """
     if isinstance(starts, bool) or not (isinstance(starts, int | np.integer) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
@@ -141,6 +147,8 @@ def tune(
                 raise
     [(best, points)] = known
     with one_thread():
+        if text := Tuner(net, sought, points).endless(best.x):
+            warnings.warn(text, MbdlftWarning, stacklevel=3)
         proofs = {"gap": gap, "work": work, "workers": workers} if prove else None
         return as_tuning(net, goals, best.x, points, least, proofs, say)
 

@@ -25,7 +25,7 @@ from mbdlft.robust.realization import left_out, states_that_stay
 from mbdlft.synthesis.goals import MARGIN, Goal, check_goals
 from mbdlft.synthesis.pieces import FreeValue, TunableSystem
 from mbdlft.system.blocks import TunableGain, tunable
-from mbdlft.system.connection import connect
+from mbdlft.system.connection import connect, pairs_of
 from mbdlft.system.conversion import check_once, operand
 from mbdlft.system.model import System
 
@@ -102,6 +102,7 @@ def network(
     except StructureError as error:
         advice = " An input of the whole that stands in no goal is one of `inputs`: inputs = ['r']."
         raise StructureError(f"{error}{advice * ('unknown output' in str(error))}") from None
+    _check_connected(systems, connections, idle, outputs)
     whole = whole[:, : len(inputs) + len(q)]
     base, moves = np.zeros((len(q), len(v))), list[Array]()
     i = j = 0
@@ -163,13 +164,30 @@ def _without(system: System, leave_out: Sequence[str]) -> System:
 
 def _idle(parts: Sequence[System], connections: Connections, driven: Sequence[str]) -> list[str]:
     """Inputs of systems that neither connections nor goals drive."""
-    if isinstance(connections, Mapping):
-        targets = list(connections)
-    else:
-        targets = [entry[0] for entry in connections if len(entry)]
-    known = {*targets, *driven}
+    known = {target for target, _ in pairs_of(connections) or ()} | {*driven}
     full = [(f"{part.name}.{s.name}", s.name) for part in parts for s in part.inputs]
     return [name for name, alone in full if not {name, alone} & known]
+
+
+def _check_connected(
+    systems: Sequence[Any], connections: Connections, idle: Sequence[str], outputs: Sequence[str]
+) -> None:
+    """A StructureError names a channel of a controller that nothing drives, or that drives nothing."""
+    used = {name.removeprefix("-") for _, sources in pairs_of(connections) or () for name in sources}
+    used |= {*outputs}
+    for item in systems:
+        if not isinstance(item, TunableSystem):
+            continue
+        fed, leading = ([(name, f"{item.name}.{name}") for name in side] for side in item.channels)
+        lost = [f"nothing drives its input {full!r}" for _, full in fed if full in idle]
+        lost += [
+            f"its output {full!r} drives nothing" for name, full in leading if not {name, full} & used
+        ]
+        if lost:
+            raise StructureError(
+                f"tune: controller {item.name!r}: {lost[0]}. Name it in connections: nothing else is "
+                "connected, also where signals have one name."
+            )
 
 
 def weighted(net: Network, goals: Sequence[Goal]) -> System:

@@ -6,7 +6,7 @@ value, changed where its slopes are small or large beside those of others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -47,6 +47,7 @@ _PEAK = 1e-9  # of a norm: its tolerance
 # times what stable loops reach, while others are made stable; little enough to come back, and more than
 # the 1.1 from which on the box counts as near
 _KEPT = 1.3
+_LIMIT = "give a range (`ranges`), or a goal that limits it, such as of the effort."
 Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 
@@ -64,6 +65,12 @@ class Tuned(NamedTuple):
     def rank(self) -> tuple[float, float]:
         """For comparisons: first how far hard goals are missed, then the soft ones."""
         return max(0.0, self.look.hard - 1.0 - _REACHED), self.look.soft
+
+
+def gained(old: Tuned, new: Tuned) -> float:
+    """The larger gain: of what hard goals are missed by, or of the soft ones, beside what they are."""
+    soft = (old.look.soft - new.look.soft) / max(abs(new.look.soft), 1e-300)
+    return max(old.rank()[0] - new.rank()[0], soft)
 
 
 class Tuner:
@@ -121,9 +128,22 @@ class Tuner:
             number = x[self.net.free.index(value)]
             raise AnalysisError(
                 f"tune: {value.name} has come to {number:.3g}, where the loops have no numbers any more; "
-                f"its scale is {value.scale:.3g}. Goals may become better without end as it grows: give "
-                "it a range (`ranges`), or a goal that limits it, such as of the effort."
+                f"its scale is {value.scale:.3g}. Goals may become better without end as it grows: "
+                f"{_LIMIT}"
             ) from None
+
+    def endless(self, x: Array) -> str:
+        """Which values are beyond their scales, and ten times as large better still; or nothing."""
+        more, best, better = 10.0 * x, self.at(x), set[int]()
+        far = np.abs(x) > self.first_scale
+        far = np.flatnonzero(far & (self.low <= more) & (more <= self.high))
+        for some in (far, *far[:, None]):
+            with suppress(AnalysisError):  # no numbers any more
+                new = self.at(np.where(np.isin(range(len(x)), some), more, x))
+                if new.rank() < best.rank() and gained(best, new) > _GAIN:
+                    better |= set(some.tolist())
+        numbers = ", ".join(f"{self.net.free[k].name} {x[k]:.3g}" for k in sorted(better))
+        return numbers and f"tune: ten times as large, {numbers} would be better still: {_LIMIT}"
 
     def _is_hard(self, goal: int) -> bool:
         return goal == STABLE or self.goals[goal].hard
@@ -200,8 +220,7 @@ class Tuner:
             new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
-            gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
-            idle = idle + 1 if max(gain[0], gain[1] / max(abs(new.look.soft), 1e-300)) < _GAIN else 0
+            idle = idle + 1 if gained(best, new) < _GAIN else 0
             best = new if not is_complete else min(best, new, key=Tuned.rank)
             if is_complete and idle >= 2:
                 break

@@ -77,7 +77,7 @@ def connect(
         for side in ("inputs", "outputs")
     )
     wiring = plain_wiring(members, len(inputs), len(outputs))
-    pairs = _pairs(connections)
+    pairs = pairs_of(connections)
     _wire(into, out_of, wiring, pairs, list(inputs))
     input_signals = [
         _drive(into, wiring, label, k, are_named=pairs is not None) for k, label in enumerate(inputs)
@@ -127,7 +127,7 @@ def _one(entries: Entries, name: str, what: str) -> int:
     return positions[0]
 
 
-def _pairs(connections: Any) -> list[tuple[str, list[str]]] | None:
+def pairs_of(connections: Any) -> list[tuple[str, list[str]]] | None:
     """Each input with what adds up to it."""
     if connections is None:
         return None

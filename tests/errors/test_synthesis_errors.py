@@ -34,6 +34,7 @@ PUSHED = state_space(
     np.block([[np.zeros((2, 2)), np.eye(2)], [np.outer([-1 / 3, 1 / 7], [1.1, -1.1]), np.zeros((2, 2))]]),
     [[0], [0], [1 / 3], [-1 / 7]], [[1, -1, 0, 0]], [[0]], inputs=["f"], outputs=["y"],
 )  # fmt: skip
+STILL = state_space([[-1.0]], [[0.0]], [[1.0]], [[0.0]], inputs=["f"], outputs=["y"])
 LAG = state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], inputs=["f"], outputs=["y"])
 RATED = state_space(
     [[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)), inputs=["f"], outputs=["y", "v"]
@@ -131,8 +132,10 @@ lpv(systems=(PLANT,)) => one controller with free values … got 0 controllers, 
 lpv(goals=(POLE,)) => goals of the kinds H-infinity and disk margin … goal 'poles'
 lpv(slack=0.0) => a slack between 0 and 1 … slack 0.0
 lpv(measured=["m"]) => unknown parameter 'm'
-lpv(systems=(DESIGNED, PID), wired=(), goals=(GOAL,)) => no design parameters, got a, b
-lpv(wired=(("f", "u"),)) => e of 'K': the plant is not connected
+lpv(systems=(DESIGNED, PID), wired=(("f", "u"), ("e", "y")), goals=(GOAL,)) => no design parameters, got a, b
+lpv(systems=(STILL, PID)) => u of 'K': the plant is not connected
+made(wired=(("f", "u"),)) => controller 'K': nothing drives its input 'K.e'. Name it in connections
+made(wired=(("e", "y"),)) => controller 'K': its output 'K.u' drives nothing
 reduced_structure([PLANT, PID], [GOAL], LOOP, states=1) => of tunable_system or … got ['K'] and 1
 reduced_structure([PLANT, tunable_system(STATIC)], [GOAL], LOOP, states=0) => AnalysisError: not stable
 fitted_values(SCHEDULED, STATIC) => has inputs, outputs, states and parameters (1, 1, 0, ('m',))

@@ -496,7 +496,11 @@ def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.Mo
         [["-a", "b"], ["c*d", "e"]], ranges, states=1, inputs=["f"], outputs=["y"], name="P"
     )
     made = tune(
-        [plant, tunable_gain("K", "w", "v")], [gain_goal("f", "y")], {"w": "y"}, starts=1, prove=False
+        [plant, tunable_gain("K", "w", "v")],
+        [gain_goal("f", "y"), gain_goal("f", "K.v")],
+        {"w": "y"},
+        starts=1,
+        prove=False,
     )
     assert made.points[0]["a"] == 1.0
     assert seeds == [0, 1, 2]
@@ -673,6 +677,20 @@ def test_poles_are_moved_into_their_region_and_proved() -> None:
     assert region.worst <= 1.001
     assert region.proved <= 1.02
     assert [mbdlft.verify(region.loop, bounds) for bounds in region.bounds] == ["", ""]
+
+
+def test_values_that_nothing_limits_are_named() -> None:
+    """Without a goal for the effort the gain grows; with one, or with a range, it ends there."""
+    rows = [["0", "1", "0", "0"], ["-1", "-1", "1", "1"], ["1", "0", "0", "0"]]
+    plant = mbdlft.realize(rows, [], states=2, inputs=["f", "d"], outputs=["y"], name="P")
+    goals, wired = [gain_goal("d", "y")], {"f": "K.u", "K.e": "y"}
+    effort = gain_goal("d", "K.u", limit=2.0, hard=True)
+    for limited, ends in (([effort], None), ([], {"D[1,1]": (-50.0, 50.0)})):
+        law = tunable_gain("K", "e", "u", ranges=ends)
+        made = tune([plant, law], [*goals, *limited], wired, starts=1, prove=False)
+        assert np.abs(made.values["K.D[1,1]"]) < 51.0
+    with pytest.warns(mbdlft.MbdlftWarning, match=r"ten times as large, K.D\[1,1\] -.* would be better"):
+        tune([plant, tunable_gain("K", "e", "u")], goals, wired, starts=1, prove=False)
 
 
 def test_states_on_which_nothing_depends_are_left_out() -> None:
