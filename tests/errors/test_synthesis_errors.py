@@ -132,7 +132,7 @@ lpv(systems=(PLANT,)) => one controller with free values … got 0 controllers, 
 lpv(goals=(POLE,)) => goals of the kinds H-infinity and disk margin … goal 'poles'
 lpv(slack=0.0) => a slack between 0 and 1 … slack 0.0
 lpv(measured=["m"]) => unknown parameter 'm'
-lpv(systems=(DESIGNED, PID), wired=(("f", "u"), ("e", "y")), goals=(GOAL,)) => no design parameters, got a, b
+lpv(systems=(DESIGNED, PID), wired=(("f", "u"), ("e", "y")), goals=(GOAL,)) => no design … got a, b
 lpv(systems=(STILL, PID)) => u of 'K': the plant is not connected
 made(wired=(("f", "u"),)) => controller 'K': nothing drives its input 'K.e'. Name it in connections
 made(wired=(("e", "y"),)) => controller 'K': its output 'K.u' drives nothing
