@@ -135,8 +135,8 @@ class Tuner:
     def endless(self, x: Array) -> str:
         """Which values are beyond their scales, and ten times as large better still; or nothing."""
         more, best, better = 10.0 * x, self.at(x), set[int]()
-        far = np.abs(x) > self.first_scale
-        far = np.flatnonzero(far & (self.low <= more) & (more <= self.high))
+        is_far = (np.abs(x) > self.first_scale) & (self.low <= more) & (more <= self.high)
+        far = np.flatnonzero(is_far)
         for some in (far, *far[:, None]):
             with suppress(AnalysisError):  # no numbers any more
                 new = self.at(np.where(np.isin(range(len(x)), some), more, x))
