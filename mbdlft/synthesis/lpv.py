@@ -333,7 +333,7 @@ def _closing(plant: Opened, gamma: float, X: Array, D: Array, G: Array) -> Array
             "numbers of the solver do not satisfy the matrix inequality of the closed loop, whose "
             f"largest eigenvalue is {largest:.2g}"
         )
-    return theta
+    return np.asarray(theta)
 
 
 def _gain(psi: Array, inside: Array, beside: Array, seen: Array) -> Array:
