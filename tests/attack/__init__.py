@@ -46,7 +46,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "motions": (0,),
     "empty": (14, 31, 35, 45),
     "tunings": (20,),
-    "syntheses": (976003, 976012, 976029),
+    "syntheses": (976003, 976012, 976029, 977193),
     "accelerations": (0, 5),
     "certificates": (3,),
     "reductions": (0, 1, 2, 4, 5, 9),
