@@ -345,7 +345,7 @@ def _closing(plant: Opened, gamma: float, X: Array, D: Array, G: Array, R: Array
             "numbers of the solver do not satisfy the matrix inequality of the closed loop, whose "
             f"largest eigenvalue is {largest:.2g}"
         )
-    return theta
+    return np.asarray(theta)
 
 
 def _symmetric(matrix: Array) -> Array:
