@@ -23,6 +23,7 @@ from mbdlft.synthesis import (
 from mbdlft.synthesis.bound import full_order_bound
 from mbdlft.synthesis.loop import network
 from mbdlft.system import state_space
+from tests.attack import syntheses
 from tests.close import CLOSED_FORM, CROSS, REDUCED, target
 from tests.laws.test_synthesis import transfer
 
@@ -203,6 +204,11 @@ def test_the_arm_while_its_angles_move() -> None:
         assert goals[0].after is not None
         assert np.max(largest(goals[0].after * whole[:2, :], points)) < 0.95 * error
         assert np.max(largest(whole[2:, :], points)) < 1.05 * torque
+
+
+def test_room_for_solutions_grows(tmp_path: Path) -> None:
+    """The least trace of this plant is not found well: near to it nothing satisfies the inequalities."""
+    assert syntheses.attack(977102, tmp_path) == "proved"
 
 
 def test_values_of_another_structure() -> None:
