@@ -81,7 +81,8 @@ def tune(
     goals : sequence of Goal
         Of `gain_goal`, `margin_goal`, `pole_goal`.
     connections : as of `connect`
-        Inputs of systems that nothing drives are zero.
+        Inputs of systems that nothing drives are zero; a channel of a controller that is not connected
+        is an error.
     inputs : sequence of str
         Inputs of the whole that stand in `connections`, and in no goal; those of goals are known.
     initial : mapping of names of free values to numbers, optional
@@ -111,7 +112,7 @@ def tune(
     Raises
     ------
     StructureError
-        A name is unknown, or nothing is free.
+        A name is unknown, a controller is not connected, or nothing is free.
     AnalysisError
         No values were found with which the loops are stable: the message names the pole, and the point.
         A goal is an H2 norm with a direct path.

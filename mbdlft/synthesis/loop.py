@@ -32,6 +32,7 @@ from mbdlft.system.model import System
 _FIRST_CORNERS, _FEW = 4, 4  # of a part of the box; fewer scheduled parameters have a grid of points
 _CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 Connections = Sequence[Sequence[str]] | Mapping[str, str | Sequence[str]]
+Pairs = Sequence[tuple[str, list[str]]]  # the same: inputs, and what adds up to each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +79,8 @@ def network(
 ) -> Network:
     """Systems and controllers, connected as `connect` does it, with the channels of the goals.
 
-    Inputs of systems that nothing drives, and `more` inputs of the whole, are zero. States to leave out
-    are gone.
+    Inputs of systems that nothing drives, and `more` inputs of the whole, are zero; those of controllers
+    are errors. States to leave out are gone.
     """
     check_goals(goals)
     made = [_parts_of(item, f"tune: systems[{k}]") for k, item in enumerate(systems)]
@@ -96,13 +97,14 @@ def network(
     )
     q = [name for part in opened for name in part.q]
     v = [name for part in opened for name in part.v]
-    idle = [*_idle(parts, connections, [*inputs, *q]), *(name for name in more if name not in inputs)]
+    pairs = pairs_of(connections) or []
+    idle = [*_idle(parts, pairs, [*inputs, *q]), *(name for name in more if name not in inputs)]
     try:
         whole = connect(parts, connections, inputs=[*inputs, *q, *idle], outputs=[*outputs, *v])
     except StructureError as error:
         advice = " An input of the whole that stands in no goal is one of `inputs`: inputs = ['r']."
         raise StructureError(f"{error}{advice * ('unknown output' in str(error))}") from None
-    _check_connected(systems, connections, idle, outputs)
+    _check_connected(systems, pairs, idle, outputs)
     whole = whole[:, : len(inputs) + len(q)]
     base, moves = np.zeros((len(q), len(v))), list[Array]()
     i = j = 0
@@ -162,18 +164,18 @@ def _without(system: System, leave_out: Sequence[str]) -> System:
     return replace(system, lft=kept, states=tuple(system.states[k] for k in stay))
 
 
-def _idle(parts: Sequence[System], connections: Connections, driven: Sequence[str]) -> list[str]:
+def _idle(parts: Sequence[System], pairs: Pairs, driven: Sequence[str]) -> list[str]:
     """Inputs of systems that neither connections nor goals drive."""
-    known = {target for target, _ in pairs_of(connections) or ()} | {*driven}
+    known = {*driven, *(target for target, _ in pairs)}
     full = [(f"{part.name}.{s.name}", s.name) for part in parts for s in part.inputs]
     return [name for name, alone in full if not {name, alone} & known]
 
 
 def _check_connected(
-    systems: Sequence[Any], connections: Connections, idle: Sequence[str], outputs: Sequence[str]
+    systems: Sequence[Any], pairs: Pairs, idle: Sequence[str], outputs: Sequence[str]
 ) -> None:
     """A StructureError names a channel of a controller that nothing drives, or that drives nothing."""
-    used = {name.removeprefix("-") for _, sources in pairs_of(connections) or () for name in sources}
+    used = {name.removeprefix("-") for _, sources in pairs for name in sources}
     used |= {*outputs}
     for item in systems:
         if not isinstance(item, TunableSystem):
