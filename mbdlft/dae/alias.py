@@ -198,6 +198,7 @@ def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) 
             new.append(rate if of is None or factor == 1 else times * rate)
     expressions = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
     expressions += [y.expression for y in dae.outputs]
+    expressions += [c.expression for c in dae.conditions]
     column, symbols = column_of(expressions), column_of(old)
     changed = {*ca.jacobian_sparsity(column, symbols).row()}
     after = ca.vertsplit(ca.substitute(column, symbols, column_of(new)))
@@ -208,6 +209,7 @@ def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) 
         equations=tuple(replace(e, residual=after[k]) if k in changed else e for k, e in enumerate(kept)),
         initial=tuple(replace(e, residual=next(others)) for e in dae.initial),
         outputs=tuple(replace(y, expression=next(others)) for y in dae.outputs),
+        conditions=tuple(replace(c, expression=next(others)) for c in dae.conditions),
     )
 
 

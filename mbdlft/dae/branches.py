@@ -106,6 +106,7 @@ def with_roots_of_squares(dae: Dae) -> Dae:
         equations=tuple(replace(e, residual=rewritten(e.residual)) for e in dae.equations),
         initial=tuple(replace(e, residual=rewritten(e.residual)) for e in dae.initial),
         outputs=tuple(replace(y, expression=rewritten(y.expression)) for y in dae.outputs),
+        conditions=tuple(replace(c, expression=rewritten(c.expression)) for c in dae.conditions),
     )
 
 

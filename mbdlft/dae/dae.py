@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Literal
 
 import casadi as ca
 
@@ -108,6 +109,29 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Condition:
+    """Where the equations are those of the model.
+
+    Attributes
+    ----------
+    name : str
+        What messages call it: where it is, and its text.
+    expression : SX (1, 1)
+        A truth, or a number.
+    kind : {"mode", "event", "assert"}
+        The equations have a constant in the place of a mode, whose definition gives it in the whole range
+        of the parameters. A relation that makes an event does not change there. An assert holds.
+    value : float or None
+        What the expression is; of a relation that makes an event None.
+    """
+
+    name: str
+    expression: ca.SX
+    kind: Literal["mode", "event", "assert"]
+    value: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Dae:
     """0 = F(xdot, x, v, u, p),  y = outputs.
 
@@ -131,6 +155,8 @@ class Dae:
         Whether it is known that its units fit, as of a text in which every number has its unit.
     fit_error_bound : float
         Guaranteed bound of the error of coefficients that are fits, in their units; 0.0 for none.
+    conditions : tuple of Condition
+        `trim`, `start_point` and `simulate` refuse what does not meet them.
     """
 
     name: str
@@ -145,6 +171,7 @@ class Dae:
     text: str = field(default="", repr=False)
     units_checked: bool = False
     fit_error_bound: float = 0.0
+    conditions: tuple[Condition, ...] = ()
 
     def __post_init__(self) -> None:
         names = [v.name for v in (*self.variables, *self.inputs)]
@@ -160,6 +187,7 @@ class Dae:
             _check_unit(self, y.name, y.unit)
         residuals = [e.residual for e in (*self.equations, *self.initial)]
         every = [*residuals, *(y.expression for y in self.outputs)]
+        every += [c.expression for c in self.conditions]
         known = {s.element_hash() for s in symbols_of(self)}
         used = {s.element_hash() for s in free_symbols(column_of(every))}
         if all(x.is_scalar() for x in every) and used <= known:
@@ -168,6 +196,8 @@ class Dae:
             _check_expression(self, f"equation {e.place}", e.residual, known)
         for y in self.outputs:
             _check_expression(self, f"output {y.name!r}", y.expression, known)
+        for condition in self.conditions:
+            _check_expression(self, condition.name, condition.expression, known)
 
     @property
     def owner(self) -> str:

@@ -20,7 +20,7 @@ from mbdlft.base.parameter import at_values
 from mbdlft.base.samples import check_points
 from mbdlft.dae import balance
 from mbdlft.dae.index import independent
-from mbdlft.dae.kinks import near_points
+from mbdlft.dae.kinks import check_modes, near_points
 from mbdlft.dae.newton import Found, System, divided, solve, values_of
 from mbdlft.dae.structure import (
     Quantity,
@@ -158,6 +158,7 @@ def _solved(
         missed = np.where(np.isfinite(missed), np.abs(missed), np.inf)
         raise balance.no_solution(s, posed, Found(numbers, missed), fixed)
     _check_ranges(s, values)
+    check_modes(s, values)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
@@ -165,16 +166,25 @@ def _solved(
 
 
 def _check_ranges(s: Structure, values: Mapping[str, ca.SX]) -> None:
-    """Raise a TrimError for the first variable outside its minimum and maximum at some parameters."""
+    """Raise a TrimError for a variable outside its range, or an assert that does not hold."""
     ranged = {q.name: q.variable for q in s.quantities if not q.order}
     ranged = {name: v for name, v in ranged.items() if v.minimum > -math.inf or v.maximum < math.inf}
-    if not ranged:
+    asserts = [c for c in s.dae.conditions if c.kind == "assert"]
+    if not ranged and not asserts:
         return
     points = check_points(s.dae.parameters, _SEED)
-    function = ca.Function("values", [s.dae.p], [in_doubles(column_of(values[name] for name in ranged))])
+    truths = column_of(c.expression for c in asserts)
+    truths = ca.substitute(truths, s.symbols, column_of(values[q.name] for q in s.quantities))
+    every = ca.vertcat(column_of(values[name] for name in ranged), truths)
+    function = ca.Function("values", [s.dae.p], [ca.densify(in_doubles(every))])
     for physical, p in zip(points, in_symbols(s.dae, points), strict=True):
-        for v, value in zip(ranged.values(), np.ravel(function(p).full()), strict=True):
+        of, holds = np.split(np.ravel(function(p).full()), [len(ranged)])
+        for v, value in zip(ranged.values(), of, strict=True):
             check_range(s, v, value, partial(at_values, s.dae.parameters, physical))
+        for c, truth in zip(asserts, holds, strict=True):
+            if not truth:
+                where = at_values(s.dae.parameters, physical) or "the operating point"
+                raise TrimError(f"{s.owner}, {c.name} At {where}: choose another one, or other ranges.")
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:

@@ -118,11 +118,42 @@ def without_switches(s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX) 
     return _branches(stacked, lambda _, *argument: near.side(*argument))
 
 
+def check_modes(s: Structure, values: Mapping[str, ca.SX]) -> None:
+    """Raise an error unless modes and relations of events are what they are for all parameters.
+
+    `values` are those of all quantities at the equilibrium.
+    """
+    near = _Equilibrium(s, values)
+    for c in s.dae.conditions:
+        if c.kind == "assert":
+            continue
+        sides: list[Side] = []
+
+        def side(call: _Call, argument: ca.SX, at_zero: Sequence[Side], met: list[Side] = sides) -> Side:
+            met.append(near.side(argument, at_zero))
+            return met[-1]
+
+        plain = near.there(_branches(c.expression, side))
+        if "at" in sides or not is_constant(plain):
+            _, kink = near.beside(c.expression, c.name)
+            if kink is not None:
+                raise kink
+        if not is_constant(plain):
+            names = [p.name() for p in free_symbols(plain)]
+            raise changes_its_branch(f"{s.owner}, {c.name}", "it", names)
+        if c.value is not None and float(numbers_of(plain)[0, 0]) != c.value:
+            raise TrimError(
+                f"{s.owner}, {c.name}: it is {float(numbers_of(plain)[0, 0]):g} at this equilibrium, and "
+                f"{c.value:g} in the equations, which are those of the operating point that the table of "
+                "the model gives. Give the values of this equilibrium there."
+            )
+
+
 def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
     """The expressions with branches, or with the value at the zero, in place of functions that switch."""
 
     def switched(name: str, *operands: ca.SX) -> ca.SX:
-        switch, entries = SWITCHES[name], [ca.SX(x) for x in operands]
+        switch, entries = SWITCHES[name], [x for x in operands]
         argument = switch.argument(*entries)
         if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
             return ca.SX(0)  # on either side
@@ -143,6 +174,9 @@ def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
         return ca.SX(FUNCTIONS["atan2"](y, x))
 
     def logical(name: str, *operands: ca.SX) -> ca.SX:
+        ends = {bool(numbers_of(x)[0, 0]) for x in operands if is_constant(x)}
+        if (name == "or") in ends and name != "not":
+            return ca.SX(int(name == "or"))  # whatever the other is
         made = ca.SX(FUNCTIONS[name](*operands))
         return ca.SX(numbers_of(made)) if is_constant(made) else made
 

@@ -17,7 +17,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.index import blocks_of
 from mbdlft.dae.newton import System, solve
-from mbdlft.dae.structure import Structure, check_point, in_symbols, reduce_index
+from mbdlft.dae.structure import Structure, check_conditions, check_point, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
 from mbdlft.multibody.motion.equations import equations_of_motion, moved_reference
@@ -109,8 +109,7 @@ def simulate(
     grid = np.asarray(times, dtype=float)
     if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or grid[-1] == np.inf:
         raise SceneError("simulate: times are at least two increasing numbers.")
-    if isinstance(model, Dae):
-        model = reduce_index(model)
+    model = reduce_index(model) if isinstance(model, Dae) else model
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
     for name, values in {**asked.inputs, **asked.states}.items():
         if not np.all(np.abs(np.asarray(values, dtype=float)) <= _LARGEST):
@@ -126,6 +125,8 @@ def simulate(
     kept = (m.y, m.omega, m.x if m.shown is None else m.shown)
     read = ca.Function("y", [m.x, m.z, m.u, m.p], [*map(ca.densify, kept)])
     values, arguments, states_shown = read.map(len(grid))(states.T, z.T, m.inputs.T, p.T)
+    if isinstance(model, Structure):
+        check_conditions(model, arguments.full(), grid)
     if isinstance(model, DeltaThetaModel):
         theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
     y, x = (np.asarray(each.full().T) for each in (values, states_shown))
@@ -144,7 +145,7 @@ class _Asked(NamedTuple):
 class _Model(NamedTuple):
     """der(x) = rates, 0 = residual, y: SX of x, z, u, p, with consistent values at the first time.
 
-    `inputs` (N, n_u) are those at the times. `omega` are the arguments of Theta.
+    `inputs` (N, n_u) are those at the times. `omega` are arguments of Theta, or conditions.
     """
 
     owner: str
@@ -186,11 +187,10 @@ def _structure(s: Structure, asked: _Asked) -> _Model:
             f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give others."
         )
     check_point(s, np.concatenate([start.values, x0, inputs[0]]))
-    outputs = column_of([y.expression for y in s.dae.outputs])
-    rates, residual, y = map(in_doubles, (column_of(s.rates), s.residual, outputs))
-    symbols = (s.x, s.unknown, s.u, s.dae.p, rates, residual, y, ca.SX(0, 1))
-    output_names = tuple(y.name for y in s.dae.outputs)
-    return _Model(s.owner, states, output_names, *symbols, inputs, x0, start.values, p)
+    read = (column_of(of.expression for of in each) for each in (s.dae.outputs, s.dae.conditions))
+    values = map(in_doubles, (column_of(s.rates), s.residual, *read))
+    symbols = (s.x, s.unknown, s.u, s.dae.p, *values, inputs, x0, start.values, p)
+    return _Model(s.owner, states, tuple(y.name for y in s.dae.outputs), *symbols)
 
 
 def _scene(scene: Scene, asked: _Asked) -> _Model:

@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, StructureError, TrimError, unknown_name
+from mbdlft.base.errors import AnalysisError, SceneError, StructureError, TrimError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
@@ -231,6 +231,17 @@ def check_range(s: Structure, v: Variable, value: float, at: Callable[[], str] =
             f"{v.unit}{where}. Give other values or start values, narrow the ranges of the parameters, "
             f"or widen that of {v.name}."
         )
+
+
+def check_conditions(s: Structure, values: Array, times: Array) -> None:
+    """Raise an AnalysisError if conditions (n, N) of the equations end at one of the times (N,), in s."""
+    for c, of in zip(s.dae.conditions, values, strict=True):
+        ended = of != (of[0] if c.value is None else c.value)
+        if np.any(ended):
+            raise AnalysisError(
+                f"{s.owner}, simulate: {c.name}: this changes, or does not hold, at "
+                f"{times[np.argmax(ended)]:g} s, where the equations end. Take earlier times, or others."
+            )
 
 
 def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:

@@ -1,28 +1,28 @@
 """Modes: the values of Boolean, Integer and discrete variables at an equilibrium.
 
 Each has a definition, or an event sets it, and then its start holds. They are constants in the
-equations; at the equilibrium their definitions have to give them again, and no relation that decides
-one of them may stand on its switching surface.
+equations; at the equilibrium their definitions have to give them again, for all parameters, and no
+relation that decides one of them may be on its switching surface. These are conditions of the DAE.
 
 Initialization gives parameters with `fixed = false`, and values that events hold: their equations and
 assignments become their values; those of a tuple, one for each result.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.errors import SceneError
+from mbdlft.dae.dae import Condition
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.functions import in_order
-from mbdlft.modelica.tree import Expression, write
+from mbdlft.modelica.tree import Expression, shorter, write
 from mbdlft.modelica.values import Value
 from mbdlft.problem.sx.constants import in_doubles
 
@@ -166,7 +166,6 @@ def _of_block(
         yield from _given(statement, declared)
 
 
-_NEAR = 1e-9  # of the sizes of its variables: a relation nearer than this is on its surface
 _STARTS: Mapping[str, Value] = {
     "Boolean": False,
     "Integer": Fraction(0),
@@ -327,85 +326,45 @@ class Point:
             for a in at.structure.aliases
         }
         self.numbers = {**rates, **at.nominal, **nominal, "time": 0.0}
-        self.sizes = {x.name: x.nominal for x in at.structure.source.variables}
 
-    def number(self, expression: Value) -> float:
+    def number(self, expression: ca.SX) -> float:
         """The number of an expression."""
-        return float(self._at(v.to_sx(expression))[0])
-
-    def _at(self, expression: ca.SX) -> Any:
         symbols = ca.symvar(expression)
         function = ca.Function("point", [column_of(symbols)], [in_doubles(expression)])
-        numbers = [self.numbers.get(s.name(), 0.0) for s in symbols]
-        return np.atleast_1d(function(numbers).full()[:, 0])
-
-    def reach(self, expression: ca.SX) -> float:
-        """How far an expression moves when its variables move by their sizes."""
-        symbols = ca.symvar(expression)
-        slopes = np.abs(self._at(ca.densify(ca.jacobian(expression, column_of(symbols))).T))
-        sizes = [
-            max(abs(self.numbers.get(s.name(), 0.0)), self.sizes.get(s.name(), 1.0)) for s in symbols
-        ]
-        return float(slopes @ np.array(sizes)) if symbols else 0.0
+        return float(function([self.numbers.get(s.name(), 0.0) for s in symbols]))
 
 
-def check_surfaces(
+def conditions_of(
     discrete: Discrete,
-    decided: Mapping[str, Value],
-    point: Point,
+    open_: Mapping[str, Value],
+    found: Mapping[str, Value],
     evaluator: Any,
-    place: Callable[[int, str], str],
-) -> None:
-    """Raise a SceneError if a relation that decides a mode or an event is on its switching surface."""
-    for name in decided:
+    at_start: Callable[[ca.SX], ca.SX],
+    place: Callable[[int | None, str], str],
+) -> Iterator[Condition]:
+    """That modes are what is found of their definitions, and that no event happens."""
+    for name, value in found.items():
         definition, line = discrete.definitions[name]
-        for node, sides in _on_surface(definition, point, evaluator):
-            modes = [
-                _mode(evaluator.value(tree.replaced(definition, _swapped(node, truth))), point)
-                for truth in ("true", "false")
-            ]
-            if modes[0] != modes[1]:
-                what = " and on the other ".join(v.described(mode) for mode in modes)
-                raise SceneError(
-                    place(line, f"{_surface(node, sides)} On one side {name} is {what}.{_OTHER}")
-                )
+        text = place(line, f"{name} = {shorter(write(definition))}")
+        for expression, number in zip(_scalars(open_[name]), _scalars(value), strict=True):
+            if isinstance(expression, ca.SX):
+                yield Condition(text, expression, "mode", float(number))
     for event in discrete.events:
         for condition in event.conditions:
-            for node, sides in _on_surface(condition, point, evaluator):
-                raise SceneError(place(event.line, f"{_surface(node, sides)} There is an event.{_OTHER}"))
+            for node in tree.walk(condition):
+                if isinstance(node, tree.Binary) and node.operator in tree.RELATIONS:
+                    relation = evaluator.value(node)
+                    if isinstance(relation, ca.SX) and ca.symvar(at_start(relation)):
+                        text = place(event.line, f"the event at {write(node)}")
+                        yield Condition(text, at_start(relation), "event")
 
 
-_OTHER = " Choose another operating point."
-
-
-def _surface(node: Expression, sides: Sequence[float]) -> str:
-    left, right = sides
-    where = f"the equilibrium is on the switching surface {write(node)}"
-    return f"{where}: its sides are {left:g} and {right:g}."
-
-
-def _on_surface(
-    expression: Expression, point: Point, evaluator: Any
-) -> Iterator[tuple[Expression, tuple[float, float]]]:
-    """Relations of signals in an expression whose sides are equal, and both sides."""
-    for node in tree.walk(expression):
-        if not isinstance(node, tree.Binary) or node.operator not in tree.RELATIONS:
-            continue
-        left, right = (evaluator.value(side) for side in (node.left, node.right))
-        if not isinstance(left, ca.SX) and not isinstance(right, ca.SX):
-            continue
-        gap = v.to_sx(left) - v.to_sx(right)
-        of_time = all(s.name() == "time" for s in ca.symvar(gap))
-        if not of_time and abs(point.number(gap)) <= _NEAR * point.reach(gap):
-            yield node, (point.number(left), point.number(right))
-
-
-def _swapped(node: Expression, truth: str) -> Callable[[Expression], Expression | None]:
-    return lambda other: tree.Truth(truth == "true") if other is node else None
-
-
-def _mode(value: Value, point: Point) -> Value:
-    return bool(point.number(value)) if isinstance(value, ca.SX) else value
+def _scalars(value: Value) -> Iterator[Value]:
+    if isinstance(value, tuple):
+        for entry in value:
+            yield from _scalars(entry)
+    else:
+        yield value
 
 
 def found_at(discrete: Discrete, open_: Mapping[str, Value], point: Point) -> dict[str, Value]:

@@ -9,7 +9,7 @@ import casadi as ca
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, check_known
-from mbdlft.dae.dae import Dae, Equation, Output
+from mbdlft.dae.dae import Condition, Dae, Equation, Output
 from mbdlft.dae.equilibria import DaeTrim, start_point, trim
 from mbdlft.dae.index import name_of
 from mbdlft.dae.structure import Structure, reduce_index
@@ -21,7 +21,7 @@ from mbdlft.modelica.lookup import OF_TIME
 from mbdlft.modelica.modes import (
     Discrete,
     Point,
-    check_surfaces,
+    conditions_of,
     found_at,
     initialized,
     propagated,
@@ -58,14 +58,11 @@ class ModelicaReport:
     notes : tuple of str
         Sentences: parameters that are numbers though they have limits, units that are not known, asserts
         that are not checked.
-    claims : tuple of (str, ca.SX)
-        Asserts on variables, with their conditions; `operating_point` decides them.
     """
 
     sources: tuple[str, ...]
     states: tuple[str, ...]
     notes: tuple[str, ...]
-    claims: tuple[tuple[str, ca.SX], ...] = ()
 
     def __str__(self) -> str:
         sources = (
@@ -102,13 +99,21 @@ def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tupl
             return dae, report
         at = operating_point(dae, report, table)
         point = Point(at, {p.name: p.nominal for p in dae.parameters})
-        evaluator, place = translation.variables.evaluator, translation.place
         new = found_at(discrete, translation.open, point)
         if all(new[name] == translation.variables.values[name] for name in new):
-            check_surfaces(discrete, new, point, evaluator, place)
+            variables = translation.variables
+            modes_hold = conditions_of(
+                discrete,
+                translation.open,
+                new,
+                variables.evaluator,
+                variables.at_time_zero,
+                translation.place,
+            )
             noted = (
                 f"{name} is {v.described(value)} at the operating point" for name, value in new.items()
             )
+            dae = replace(dae, conditions=(*dae.conditions, *modes_hold))
             return dae, replace(report, notes=(*report.notes, *noted))
         modes = {**modes, **new}
     raise SceneError(
@@ -147,7 +152,7 @@ class _Translation:
     ) -> None:
         self.model, self.table, self.discrete, self.modes = model, table, discrete, modes
         self.open: dict[str, Value] = {}  # modes that the equilibrium decides, as expressions
-        self.claims: list[tuple[str, ca.SX]] = []
+        self.asserts: list[Condition] = []
         self.looked_up: set[int] = set()  # ids of equations that look a time up in a table
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
@@ -193,14 +198,13 @@ class _Translation:
             outputs=tuple(self._outputs()),
             equations=tuple(equations),
             initial=tuple(initial),
+            conditions=tuple(self.asserts),
             description=self.model.comment,
             text=flat_text(self.model),
             units_checked=True,
         )
         preferred = self._names(lambda d: d.attributes.get("stateSelect") in _PREFERRED)
-        return dae, ModelicaReport(
-            tuple(sources), tuple(preferred), tuple(self.parameters.notes), tuple(self.claims)
-        )
+        return dae, ModelicaReport(tuple(sources), tuple(preferred), tuple(self.parameters.notes))
 
     def _hold(self) -> None:
         """Give values to what is discrete."""
@@ -290,7 +294,7 @@ class _Translation:
             claim = self.place(check.line, f"{text} does not hold. {check.message}".strip())
             if not isinstance(value, ca.SX):
                 raise SceneError(claim)
-            self.claims.append((claim, value))
+            self.asserts.append(Condition(claim, self.variables.at_time_zero(value), "assert", 1.0))
 
     def _choose(self, choice: tree.Choice) -> list[Equation]:
         """Equations of the branch whose condition holds, or choices between those of all branches."""
@@ -439,7 +443,7 @@ def operating_point(
     StructureError, TrimError, NotRationalError
         As `mbdlft.dae.reduce_index` and `mbdlft.dae.equilibria`.
     SceneError
-        The table asks for the start, and for what an equilibrium gives; an assert does not hold.
+        The table asks for the start, and for what an equilibrium gives.
     """
     table = table or ModelicaTable()
     structure = structure_of(dae, report, table)
@@ -448,14 +452,8 @@ def operating_point(
             raise SceneError(
                 f"{dae.owner}: free and moving are for an equilibrium; the point is the start."
             )
-        at = start_point(structure, table.at, table.fit)
-    else:
-        at = trim(structure, table.at, table.free, table.moving, table.fit)
-    point = Point(at, {p.name: p.nominal for p in dae.parameters})
-    for claim, condition in () if report is None else report.claims:
-        if not point.number(condition):
-            raise SceneError(f"{claim} At the operating point: choose another one.")
-    return at
+        return start_point(structure, table.at, table.fit)
+    return trim(structure, table.at, table.free, table.moving, table.fit)
 
 
 def notes_of_point(at: DaeTrim) -> list[str]:

@@ -1,10 +1,13 @@
-"""Equations with kinks, jumps, implicit functions and scales from 1e-12 to 1e12: slopes by mpmath.
+"""Equations with kinks, jumps, modes, implicit functions, scales from 1e-12 to 1e12: slopes by mpmath.
 
 The equations are texts of Modelica, the reference evaluates the same texts with 100 digits, and shares no
-code with the package. A kink at the equilibrium, or inside of the range, has to be named.
+code with the package. A kink at the equilibrium, or inside of the range, has to be named. So has a mode,
+a Boolean or an Integer, that changes inside of the range.
 """
 
+import itertools
 import re
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -159,11 +162,79 @@ def nested_switches(random: np.random.Generator) -> str:
     return "nested, right"
 
 
+_GRID = [Fraction(k, 400) for k in range(320, 481)]  # the range of k
+_SIDES = "x", "k", "2*x", "k*x", "x - k", "x^2"
+_RELATIONS = "<", "<=", ">", ">="
+_TRUTHS = (
+    "{}",
+    "{} and {}",
+    "{} or {}",
+    "not ({})",
+    "pre(b) or {}",
+    "pre(b) and {}",
+    "b == ({})",
+    "n > 2 and {}",
+)
+
+
+def modes(random: np.random.Generator) -> str:
+    """A Boolean and an Integer of x and k: what they are at nominal holds for all k, or an error."""
+
+    def truth() -> str:
+        form = str(random.choice(_TRUTHS))
+        every = [
+            f"{random.choice(_SIDES)} {random.choice(_RELATIONS)} {random.integers(-8, 33)}/16"
+            for _ in range(form.count("{}"))
+        ]
+        return form.format(*every)
+
+    b, n, slower = truth(), truth(), random.choice(["0", "1/8"])
+    text = text_of(
+        f"b = {b}; n = if {n} then 2 else 3; der(x) = 1 - (k + (if b then 0 else {slower}))*x + u; "
+        "y = (if b then 1 else 5)*n*x",
+        {"x": 1.0},
+        "Boolean b; Integer n;",
+    ).replace("y=x", "y")
+    codes = [
+        re.sub(r"(-?\d+)/16", r"F(\1, 16)", each).replace("pre(b)", "b").replace("^", "**")
+        for each in (b, n)
+    ]
+
+    def holds(k: Fraction, b: bool, n: int, moved: Fraction) -> bool:
+        x = moved + 1 / (k + (0 if b else Fraction(slower)))
+        given = {"F": Fraction, "k": k, "x": x, "b": b, "n": n}
+        return [eval(codes[0], given), 2 if eval(codes[1], given) else 3] == [b, n]  # texts of the tests
+
+    def clear(b: bool, n: int) -> bool:
+        near = (Fraction(d, 1000) for d in (-1, 0, 1))
+        return all(holds(k, b, n, d) for d in near for k in (*_GRID, Fraction(1)))
+
+    try:
+        at = trim(reduce_index(translate(flat_model(text))[0]))
+        linear = mbdlft.linearize_dae(at, search=0.0, prove=0.0)
+    except MbdlftError as error:
+        if re.search("changes its branch|jumps", str(error)):
+            every = itertools.product((True, False), (2, 3))
+            there = [pair for pair in every if holds(Fraction(1), *pair, Fraction(0))]
+            assert not there or not all(clear(*pair) for pair in there), f"refused: {text}"
+            return "modes, refused"
+        return "modes, no equilibrium"
+    every = itertools.product((True, False), (2, 3))
+    C = float(mbdlft.matrices_at(linear, {}).C[0, 0])
+    ((is_true, number),) = ((x, m) for x, m in every if round(C) == (1 if x else 5) * m)
+    for k in _GRID:
+        A, _, C, _ = (float(matrix[0, 0]) for matrix in mbdlft.matrices_at(linear, {"k": float(k)}))
+        assert holds(k, is_true, number, Fraction(0)), f"other modes at k = {k}: {text}"
+        target(A, float(-k - (0 if is_true else Fraction(slower))), CLOSED_FORM)
+        target(C, (1 if is_true else 5) * number, CLOSED_FORM)
+    return "modes, right"
+
+
 def attack(seed: int, folder: Path) -> str:
     """One function of the lists in other scales, with an implicit one beside it now and then."""
     random = np.random.default_rng(seed)
     if seed % 3 == 2:
-        return nested_switches(random)
+        return nested_switches(random) if seed % 2 else modes(random)
     mantissas, powers = random.uniform(1, 9, 4), random.integers(-12, 13, 4)
     s, scale, t, other = (float(f"{m:.3g}e{e}") for m, e in zip(mantissas, powers, strict=True))
     kinds = [(f, "") for f in _RIGHT]

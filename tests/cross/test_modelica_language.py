@@ -147,11 +147,14 @@ def test_unknown_parameters_of_several_initial_equations(tmp_path: Path) -> None
 test_what_has_no_one_linear_model_is_refused = refused(
     r"""
 > gain(tmp_path, {}) => SceneError:
-"Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => switching surface u > 2: … 2 and 2
-"Integer k(start=3);", "when u > 2 then k = 4; end when; y = k*u;" => surface u > 2: … an event
 "discrete Real d;", "when sample(0, 0.1) then d = u; end when; y = d;" => the event 'when' … (d)
 "Boolean b; Real x;", "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;" => the modes b have no
 "", "y = delay(u, 0.5);" => delay() has no linear model
+> gain(tmp_path, {}) => TrimError:
+"Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => line 5: b = u > 2: jumps … where lt(2, u)
+"Integer k(start=3);", "when u > 2 then k = 4; end when; y = k*u;" => the event at u > 2: jumps from
+"Integer k(start=3); parameter Real a(min=1, max=4)=3;", "when a*u > 5 then k = 4; end when; y = k*u;"
+  => NotRationalError: the event at (a * u) > 5: … changes its branch inside of the range of a
 """
 )
 

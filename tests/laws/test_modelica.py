@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
+from mbdlft.dae import Dae, DaeTrim, reduce_index, trim
 from mbdlft.modelica import flat_model, flat_text, operating_point, translate, tree
 from mbdlft.modelica.evaluation import Evaluator, unit_of
 from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.lookup import of_tables
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary, write
 from mbdlft.problem.sx.constants import in_doubles
-from tests.close import exact, roundoff
+from tests.close import SIMULATED, exact, roundoff, target
 from tests.errors.table import refused
 from tests.modelica import FLAT
 
@@ -357,6 +358,58 @@ def test_modes_of_arrays_and_claims_on_variables_are_decided_at_the_equilibrium(
     dae, report = translate(model)
     linear = mbdlft.linearize_dae(operating_point(dae, report))
     assert np.array_equal(np.ravel(mbdlft.matrices_at(linear, {})[1]), [1.0, 2.0])
+
+
+# Laws of modes: what holds at nominal holds in the whole range of L, from 1 to 3, or it is refused.
+
+
+def of_modes(declared: str, equations: str, at: Any = None) -> tuple[Dae, DaeTrim]:
+    """y = (if b then 1 else 3) x with der(x) = u - L x."""
+    text = (
+        f"model M parameter Real L(min=1, max=3)=2; {declared} Real x(start=0.5);\n"
+        "input Real u(start=1); output Real y;\nequation der(x) = u - L*x; y = (if b then 1 else 3)*x;\n"
+        f"{equations};\nend M;"
+    )
+    dae, report = translate(flat_model(text))
+    return dae, operating_point(dae, report) if at is None else trim(reduce_index(dae), at)
+
+
+@pytest.mark.parametrize(
+    ("b", "gain"),
+    [("L > 0.9", 1.0), ("L*x > 1.5", 3.0), ("x > 0.3 and u > 0 or L < 3.5", 1.0), ("L <= 3", 1.0)],
+)
+def test_a_mode_that_does_not_change_is_a_number(b: str, gain: float) -> None:
+    linear = mbdlft.linearize_dae(of_modes("Boolean b;", f"b = {b}")[1])
+    for L in (1.0, 2.9):
+        A, _, C, _ = mbdlft.matrices_at(linear, {"L": L})
+        exact(np.array([A[0, 0], C[0, 0]]), np.array([-L, gain]))
+
+
+def test_a_simulation_ends_where_a_mode_changes() -> None:
+    dae, _ = of_modes("Boolean b;", "b = x > 0.1")
+    late, times = {"u": 0.0}, np.linspace(0.0, 2.0, 21)
+    x = mbdlft.simulate(dae, times[:8], inputs=late).states[:, 0]  # 0.5 exp(-2 t) > 0.1 to t = 0.805
+    target(x, 0.5 * np.exp(-2.0 * times[:8]), SIMULATED)
+    with pytest.raises(mbdlft.AnalysisError, match=r"b = x > 0\.1: this changes, .* at 0\.9 s"):
+        mbdlft.simulate(dae, times, inputs=late)
+
+
+test_what_changes_within_the_range_is_refused = refused(
+    """
+> of_modes({}) => NotRationalError: changes its branch inside of the range of L
+"Boolean b;", "b = L > 1.5"
+"Boolean b;", "b = x > 0.4"
+"Boolean b;", "b = x > 0.4 or pre(b) and x > 0.35"
+"Boolean a; Boolean b;", "a = x > 0.4; b = not a"
+"Integer n; Boolean b = n > 1;", "n = if L > 1.5 then 2 else 1"
+> of_modes({}) => TrimError:
+"Boolean b = true;", 'assert(x < 0.9, "long")' => assert(x < 0.9) does not hold. long At L = 1
+"Boolean b;", "b = x > 0.1", {"u": 0.05} => it is 0 at this equilibrium, and 1 in the equations
+"Boolean b;", "b = u > 0", {"u": 0} => b = u > 0: jumps from … to … at this equilibrium
+> mbdlft.delta_theta(of_modes("Boolean b;", {})[0]) => StructureError:
+"b = x > 0.1" => b = x > 0.1: it is a number in these equations
+"""
+)
 
 
 # Laws of the tables of the Modelica library, as records and values of them.

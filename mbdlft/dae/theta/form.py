@@ -65,6 +65,12 @@ class _Form:
             raise StructureError(
                 f"{s.owner}: an input has the name {ONE!r}, which is that of the constant 1. Rename it."
             )
+        for c in dae.conditions:
+            if c.kind != "assert":
+                raise StructureError(
+                    f"{s.owner}, {c.name}: it is a number in these equations, that of one operating "
+                    "point, and the Delta-Theta form is for all. Write its formula in its place."
+                )
         every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs))
         self.separation = Separation(dae, every, arrange)
         self.internal = self.separation.internal
