@@ -179,54 +179,60 @@ _TRUTHS = (
 
 def modes(random: np.random.Generator) -> str:
     """A Boolean and an Integer of x and k: what they are at nominal holds for all k, or an error."""
-
-    def truth() -> str:
-        form = str(random.choice(_TRUTHS))
-        every = [
+    forms = [str(random.choice(_TRUTHS)) for _ in "bn"]
+    sides = [
+        [
             f"{random.choice(_SIDES)} {random.choice(_RELATIONS)} {random.integers(-8, 33)}/16"
             for _ in range(form.count("{}"))
         ]
-        return form.format(*every)
-
-    b, n, slower = truth(), truth(), random.choice(["0", "1/8"])
+        for form in forms
+    ]
+    slower = Fraction(str(random.choice(["0", "0.125"])))
+    b, n = (form.format(*relations) for form, relations in zip(forms, sides, strict=True))
     text = text_of(
         f"b = {b}; n = if {n} then 2 else 3; der(x) = 1 - (k + (if b then 0 else {slower}))*x + u; "
         "y = (if b then 1 else 5)*n*x",
         {"x": 1.0},
         "Boolean b; Integer n;",
     ).replace("y=x", "y")
-    codes = [
-        re.sub(r"(-?\d+)/16", r"F(\1, 16)", each).replace("pre(b)", "b").replace("^", "**")
-        for each in (b, n)
-    ]
+    pairs = [(is_true, number) for is_true in (True, False) for number in (2, 3)]
 
-    def holds(k: Fraction, b: bool, n: int, moved: Fraction) -> bool:
-        x = moved + 1 / (k + (0 if b else Fraction(slower)))
-        given = {"F": Fraction, "k": k, "x": x, "b": b, "n": n}
-        return [eval(codes[0], given), 2 if eval(codes[1], given) else 3] == [b, n]  # texts of the tests
+    def value(formula: str, k: Fraction, b: bool, n: int, moved: float = 0.0) -> bool:
+        x = Fraction(moved) + 1 / (k + (0 if b else slower))
+        python = re.sub(r"(-?\d+)/16", r"F(\1, 16)", formula).replace("pre(b)", "b").replace("^", "**")
+        return bool(eval(python, {"F": Fraction, "k": k, "x": x, "b": b, "n": n}))  # texts of the tests
 
-    def clear(b: bool, n: int) -> bool:
-        near = (Fraction(d, 1000) for d in (-1, 0, 1))
-        return all(holds(k, b, n, d) for d in near for k in (*_GRID, Fraction(1)))
+    def holds(k: Fraction, b: bool, n: int) -> bool:
+        first, second = (
+            value(form.format(*each), k, b, n) for form, each in zip(forms, sides, strict=True)
+        )
+        return first == b and second == (n == 2)
+
+    def is_clear(b: bool, n: int) -> bool:
+        """Whether relations that do not change, here or near here, decide."""
+        grid = [(k, moved) for k in _GRID for moved in (-1e-3, 0.0, 1e-3)]
+        for form, each, right in zip(forms, sides, (b, n == 2), strict=True):
+            truths = ({value(r, k, b, n, moved) for k, moved in grid} for r in each)
+            if any(value(form.format(*of), _GRID[0], b, n) != right for of in itertools.product(*truths)):
+                return False
+        return True
 
     try:
         at = trim(reduce_index(translate(flat_model(text))[0]))
         linear = mbdlft.linearize_dae(at, search=0.0, prove=0.0)
     except MbdlftError as error:
         if re.search("changes its branch|jumps", str(error)):
-            every = itertools.product((True, False), (2, 3))
-            there = [pair for pair in every if holds(Fraction(1), *pair, Fraction(0))]
-            assert not there or not all(clear(*pair) for pair in there), f"refused: {text}"
+            there = [pair for pair in pairs if holds(Fraction(1), *pair)]
+            assert not there or not all(is_clear(*pair) for pair in there), f"refused: {text}"
             return "modes, refused"
         return "modes, no equilibrium"
-    every = itertools.product((True, False), (2, 3))
-    C = float(mbdlft.matrices_at(linear, {}).C[0, 0])
-    ((is_true, number),) = ((x, m) for x, m in every if round(C) == (1 if x else 5) * m)
+    y = float(mbdlft.matrices_at(linear, {}).C[0, 0])
+    ((b_found, n_found),) = (pair for pair in pairs if round(y) == (1 if pair[0] else 5) * pair[1])
     for k in _GRID:
         A, _, C, _ = (float(matrix[0, 0]) for matrix in mbdlft.matrices_at(linear, {"k": float(k)}))
-        assert holds(k, is_true, number, Fraction(0)), f"other modes at k = {k}: {text}"
-        target(A, float(-k - (0 if is_true else Fraction(slower))), CLOSED_FORM)
-        target(C, (1 if is_true else 5) * number, CLOSED_FORM)
+        assert holds(k, b_found, n_found), f"other modes at k = {k}: {text}"
+        target(A, float(-k - (0 if b_found else slower)), CLOSED_FORM)
+        target(C, (1 if b_found else 5) * n_found, CLOSED_FORM)
     return "modes, right"
 
 
