@@ -236,6 +236,9 @@ def _relation(operator: str, left: Value, right: Value) -> Value:
     compare = _RELATIONS[operator]
     if isinstance(left, bool | str) and type(left) is type(right):
         return bool(compare(left, right))
+    for truth, other in ((left, right), (right, left)):
+        if isinstance(truth, bool) and isinstance(other, ca.SX) and operator in ("==", "<>"):
+            return other if truth == (operator == "==") else opposite(other)
     a, b = number_of(left), number_of(right)
     if a is not None and b is not None:
         return bool(compare(a, b))

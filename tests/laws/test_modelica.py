@@ -376,7 +376,14 @@ def of_modes(declared: str, equations: str, at: Any = None) -> tuple[Dae, DaeTri
 
 @pytest.mark.parametrize(
     ("b", "gain"),
-    [("L > 0.9", 1.0), ("L*x > 1.5", 3.0), ("x > 0.4 and u > 0 or L < 3.5", 1.0), ("L <= 3", 1.0)],
+    [
+        ("L > 0.9", 1.0),
+        ("L*x > 1.5", 3.0),
+        ("x > 0.4 and u > 0 or L < 3.5", 1.0),
+        ("L <= 3", 1.0),
+        ("true <> (x < 0)", 1.0),
+        ("(x > 0) == false", 3.0),
+    ],
 )
 def test_a_mode_that_does_not_change_is_a_number(b: str, gain: float) -> None:
     linear = mbdlft.linearize_dae(of_modes("Boolean b;", f"b = {b}")[1])
