@@ -6,8 +6,11 @@ and of the loops around them make the sums follow the time of one current core t
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
+
+from mbdlft.exact.modular import done
 
 SEARCH = 2.0  # units of a search; a small part is enough where the order meets the bound at once
 UNIT = 1.5e10  # operations in one unit of work, about a second of one core
@@ -80,6 +83,15 @@ class Work:
     def add(self, operations: float) -> None:
         """Count operations, and the call."""
         self._add_units((operations + _CALL) / UNIT)
+
+    @contextmanager
+    def counting(self, times: float = 1.0) -> Iterator[None]:
+        """Count operations modulo primes of what is done inside, each so many times."""
+        before = done.operations
+        try:
+            yield
+        finally:
+            self.add(times * (done.operations - before))
 
     def _add_units(self, units: float) -> None:
         self.spent += units

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from mbdlft.exact.matrices import of_residues
 from mbdlft.exact.numbers import RESIDUES_ALONE, index_of, precision
 from mbdlft.order.dependent import without_dependent
-from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
+from mbdlft.order.paths import OF_BALLS, Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
 from mbdlft.order.work import Work, reduction
@@ -185,10 +185,11 @@ def _along_paths(
 
     for j in range(_MOST_PATHS, 0, -1):
         found = path_below(nodes, least, bound, work, impossible, with_zeros=j > 1)
-        if not found.path:
+        if not found.path or (j < _MOST_PATHS and work.is_over):
             break
         start, known = starts[found.first], len(impossible)
-        small = _made(problem, start, partial(along, found.path))
+        with work.counting(OF_BALLS):
+            small = _made(problem, start, partial(along, found.path))
         best, least = (small, small.lft.order) if small else (best, least)
         if least == found.order:
             break
@@ -200,7 +201,7 @@ def _along_paths(
             break
         of_primes.add(_OF_CHANNEL * sum(starts[k].candidate.channels.values()))
         other = starts[k].modulo(problem, starts[k].prime + prime)
-        with precision(RESIDUES_ALONE):
+        with of_primes.counting(), precision(RESIDUES_ALONE):
             is_filled = other and exchanged(other.lft, path)[0].order <= path[-1].at_best
         if other and is_filled:  # or else it takes complex points
             return _made(problem, other, partial(along, path)) or best

@@ -221,15 +221,15 @@ def _smallest(
 ) -> Smallest:
     """Blocks restricted, then repetitions exchanged; pairs and triples tell the end.
 
-    The exchanges have as much work again as the rest. What is made from values has chosen its points:
-    other forms lead to others.
+    Each of the three has the whole work, so that more of it never leads to less. What is made from values
+    has chosen its points: other forms lead to others.
     """
     start, others = reduced[0], reduced[1:] if reduced[0].form.is_from_values else []
     exact = start.exact
     if not isinstance(exact, ExactLFT):
         return Smallest((), sum(degrees.values()))
     is_late = late_after(budget.seconds)
-    work, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(2))
+    work, of_steps, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(3))
     joint, best = JointBound(exact, degrees), start
 
     def bound(*, triples: bool) -> int:
@@ -240,12 +240,12 @@ def _smallest(
         order_bound = bound(triples=False)
         if order_bound >= start.lft.order:
             return Smallest((), order_bound, work.is_cut_off)
-        if start.lft.order > _MOST_RESTRICTED or work.is_over:  # as without a search
+        if start.lft.order > _MOST_RESTRICTED:  # as without a search
             small = without_dependent_channels(problem, start, order_bound)
             if work.left > SEARCH:  # more work than by default
                 order_bound = bound(triples=True)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
-        starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
+        starts = restrictions(start, degrees, order_bound, of_steps.limited(_OF_RESTRICTIONS))
         starts += filter(None, map(Restricted.plain, others))
     found = smaller_candidates(problem, starts, order_bound, of_exchanges)
     with running.budget(budget.work):
@@ -255,7 +255,7 @@ def _smallest(
             order_bound = bound(triples=True)
     smaller = [] if best is start else chain([best], found)
     lfts = (lft for candidate in smaller for lft in _of_both(candidate))
-    return Smallest(lfts, order_bound, work.is_cut_off or of_exchanges.is_cut_off)
+    return Smallest(lfts, order_bound, any(each.is_cut_off for each in (work, of_steps, of_exchanges)))
 
 
 def _of_both(candidate: Candidate) -> tuple[LFT, LFT]:

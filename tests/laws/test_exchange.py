@@ -1,6 +1,6 @@
 """Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import pytest
 
 from mbdlft import to_lft
 from mbdlft.exact import matrices
+from mbdlft.exact.modular import done
 from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, TooFewBitsError, ask_for_bits, precision
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
@@ -19,7 +20,7 @@ from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
-from mbdlft.order.work import Work
+from mbdlft.order.work import UNIT, Work
 from mbdlft.pipeline import forms, smaller, stages
 from mbdlft.pipeline.forms import Candidate, candidate_of, candidates, restricted
 from mbdlft.pipeline.smaller import Restricted, restrictions, smaller_candidates
@@ -119,7 +120,7 @@ def test_zeros_of_trees(seed: int, order: int) -> None:
     problem = problem_of_scene(open_tree(seed))
     candidate = restricted(problem, problem.forms[0])
     assert candidate is not None
-    _, path, wanted, _ = path_below(
+    _, path, wanted, *_ = path_below(
         [Node(start(candidate)[0].lft)], candidate.lft.order, order, Work(2.0)
     )
     assert wanted <= order
@@ -137,7 +138,7 @@ def test_what_is_not_possible_is_not_tried_again() -> None:
     """
     candidate = plain_of(146)[1]
     a, node, work = exact(candidate), Node(start(candidate)[0].lft), Work(2.0)
-    first, path, order, _ = path_below([node], a.order, 9, work)
+    first, path, order, *_ = path_below([node], a.order, 9, work)
     (exchange,), spent, nothing = path, work.spent, (0, (), a.order)
     assert (first, exchange.kind, order) == (0, "zeros", 9)
     assert path_below([node], a.order, 9, work)[:3] == (first, path, order)
@@ -197,23 +198,25 @@ def test_candidates_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyP
     assert next(smaller_candidates(problem, known, 10, Work(2.0))).lft.order == 10
 
 
-def test_attempts_of_many_channels_count_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twice as many are four times as much work."""
+def test_the_work_of_exchanges_is_what_is_done_in_residues() -> None:
+    """A look has a part of it, and ends with the attempt in which this is spent."""
+    candidate = plain_of(93)[1]
+    for most in (0.02, 0.08):
+        node, work = Node(start(candidate)[0].lft), Work(most)
+        before = done.operations
+        path_below([node], exact(candidate).order, 0, work)
+        assert 0.5 * most < work.spent < most + 0.05
+        assert 0.8 * work.spent < (done.operations - before) / UNIT < work.spent
 
-    def attempts(n: int) -> int:
-        tried = [0]
 
-        def exchanges(*_: object) -> Iterator[tuple[Exchange, None]]:
-            while True:
-                tried[0] += 1
-                yield Exchange("a", "b", is_transposed=False, kind="any", lengths=()), None
-
-        monkeypatch.setattr("mbdlft.order.paths.exchanges", exchanges)
-        a = ExactLFT(matrices.zeros(n, n, FIELD.prime), (Block("a", n),))
-        path_below([Node(a)], n, 0, Work(1.0))
-        return tried[0]
-
-    assert attempts(400) < attempts(200) / 3.5
+def test_a_path_of_too_much_work_is_not_made() -> None:
+    """In balls an exchange takes some times as long as in residues; what it takes is spent."""
+    problem, candidate = plain_of(79)
+    lft, looked, made = start(candidate)[0].lft, Work(2.0), Work(2.0)
+    assert path_below([Node(lft, units=0.5)], lft.order, 28, looked).order == lft.order
+    assert path_below([Node(lft)], lft.order, 28, looked := Work(2.0)).order == 28
+    assert [*smaller_candidates(problem, start(candidate), 28, made)]
+    assert made.spent > 2.0 * looked.spent > 0.0
 
 
 def test_coordinates_are_found_in_few_bits(monkeypatch: pytest.MonkeyPatch) -> None:
