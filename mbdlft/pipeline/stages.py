@@ -245,8 +245,9 @@ def _smallest(
             if work.left > SEARCH:  # more work than by default
                 order_bound = bound(triples=True)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
+    with running.budget(budget.work):
         starts = restrictions(start, degrees, order_bound, of_steps.limited(_OF_RESTRICTIONS))
-        starts += filter(None, map(Restricted.plain, others))
+    starts += filter(None, map(Restricted.plain, others))
     found = smaller_candidates(problem, starts, order_bound, of_exchanges)
     with running.budget(budget.work):
         best = next(found, start)
