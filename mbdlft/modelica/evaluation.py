@@ -273,10 +273,7 @@ def _divided(a: Value, b: Value, *, function: str) -> Value:
 
 
 def _filled(function: str, values: list[Value]) -> Value:
-    filled: Value = Fraction(function == "ones")
-    sizes = values
-    if function == "fill":
-        filled, sizes = values[0], values[1:]
+    filled, *sizes = values if function == "fill" else (Fraction(function == "ones"), *values)
     for size in reversed(sizes):
         number = v.number_of(size)
         if number is None or not 0 <= number <= _MOST_ENTRIES:
@@ -346,6 +343,8 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and nu
     ("outerProduct", 2): lambda a, b: tuple(tuple(v.binary("*", x, y) for y in b) for x in a),
     ("atan2", 2): v.arctangent,
     ("sum", 1): v.total,
+    ("product", 1): lambda a: reduce(partial(v.binary, "*"), _flat(a), Fraction(1)),
+    ("linspace", 3): v.spaced,
     ("semiLinear", 3): _semi_linear,
     ("transpose", 1): lambda a: tuple(zip(*a, strict=True)),
     ("cross", 2): lambda a, b: v.binary("*", _skew(a), b),

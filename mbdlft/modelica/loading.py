@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mbdlft.base.arguments import arguments_checked
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.dae.dae import Dae
 from mbdlft.modelica.rumoca import model_of_tables
 from mbdlft.modelica.sources import Sources
@@ -18,6 +18,8 @@ from mbdlft.multibody.scene.toml import read_file
 
 FLAT, MODEL = ".mof", ".mo"
 ROOTS = "MODELICAPATH"
+_TWICE = re.compile(r"Duplicate class '([^']+)'")
+_CLASS = re.compile(r"(?:^|\s)(?:model|class|block|package|record|connector|function|type)\s+(\w+)")
 _SYNTAX = re.compile(r"× (.*)\n.*:(\d+):(\d+)\]")  # in what the compiler draws of a syntax error
 
 
@@ -81,14 +83,28 @@ def compiled_model(
     except (KeyboardInterrupt, SystemExit, TimeoutError):
         raise
     except BaseException as error:  # those of its language, too, which are no Exception
-        several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
         where, reason = file.name, str(error) or f"{type(error).__name__}, without a reason"
+        several = " Choose one: --model NAME, or model=NAME." if "infer model" in reason else ""
+        twice = _TWICE.search(reason)
+        asked, lacking = (twice[1] if twice else model), "resolve/parse failed" in reason
+        defined = {f: classes for f in _files(file, folders) if (classes := _CLASS.findall(_text(f)))}
+        if twice:
+            names = ", ".join(f.name for f, classes in defined.items() if asked in classes)
+            reason = (
+                f"{asked!r} is in {names}, and it reads all files of a folder. Keep one of them there."
+            )
+        elif asked and lacking and not any(asked.split(".")[-1] in of for of in defined.values()):
+            raise SceneError(f"{where}: {unknown_name('model', asked, defined.get(file, ()))}") from None
         syntax = next(map(_SYNTAX.search, (d.message for d in rumoca.validate(str(file)))), None)
         if syntax is not None:
             where, reason = f"{where}, line {syntax[2]}, column {syntax[3]}", f"{syntax[1]}."
         raise SceneError(f"{where}: the compiler rumoca does not take it: {reason}{several}") from None
     sources = Sources(_files(file, folders), tables["variables"])
     return model_of_tables(tables, loaded.name, sources)
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8", errors="replace")
 
 
 def _files(file: Path, folders: Iterable[str]) -> Iterator[Path]:

@@ -338,11 +338,11 @@ def conditions_of(
     discrete: Discrete,
     open_: Mapping[str, Value],
     found: Mapping[str, Value],
-    evaluator: Any,
-    at_start: Callable[[ca.SX], ca.SX],
+    variables: Any,
     place: Callable[[int | None, str], str],
 ) -> Iterator[Condition]:
     """That modes are what is found of their definitions, and that no event happens."""
+    at_start = variables.at_time_zero
     for name, value in found.items():
         definition, line = discrete.definitions[name]
         text = place(line, f"{name} = {shorter(write(definition))}")
@@ -353,7 +353,7 @@ def conditions_of(
         for condition in event.conditions:
             for node in tree.walk(condition):
                 if isinstance(node, tree.Binary) and node.operator in tree.RELATIONS:
-                    relation = evaluator.value(node)
+                    relation = variables.evaluator.value(node)
                     if isinstance(relation, ca.SX) and ca.symvar(at_start(relation)):
                         text = place(event.line, f"the event at {write(node)}")
                         yield Condition(text, at_start(relation), "event")

@@ -1,7 +1,7 @@
 """From a Modelica file, by the syntax tree of its flat model, to its DAE and its operating point."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TypeVar
 
@@ -58,11 +58,14 @@ class ModelicaReport:
     notes : tuple of str
         Sentences: parameters that are numbers though they have limits, units that are not known, asserts
         that are not checked.
+    table : ModelicaTable
+        What was said beside the model.
     """
 
     sources: tuple[str, ...]
     states: tuple[str, ...]
     notes: tuple[str, ...]
+    table: ModelicaTable = field(default_factory=ModelicaTable)
 
     def __str__(self) -> str:
         sources = (
@@ -101,19 +104,11 @@ def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tupl
         point = Point(at, {p.name: p.nominal for p in dae.parameters})
         new = found_at(discrete, translation.open, point)
         if all(new[name] == translation.variables.values[name] for name in new):
-            variables = translation.variables
-            modes_hold = conditions_of(
-                discrete,
-                translation.open,
-                new,
-                variables.evaluator,
-                variables.at_time_zero,
-                translation.place,
-            )
+            given = translation.open, new, translation.variables, translation.place
             noted = (
                 f"{name} is {v.described(value)} at the operating point" for name, value in new.items()
             )
-            dae = replace(dae, conditions=(*dae.conditions, *modes_hold))
+            dae = replace(dae, conditions=(*dae.conditions, *conditions_of(discrete, *given)))
             return dae, replace(report, notes=(*report.notes, *noted))
         modes = {**modes, **new}
     raise SceneError(
@@ -204,7 +199,8 @@ class _Translation:
             units_checked=True,
         )
         preferred = self._names(lambda d: d.attributes.get("stateSelect") in _PREFERRED)
-        return dae, ModelicaReport(tuple(sources), tuple(preferred), tuple(self.parameters.notes))
+        notes = tuple(self.parameters.notes)
+        return dae, ModelicaReport(tuple(sources), tuple(preferred), notes, self.table)
 
     def _hold(self) -> None:
         """Give values to what is discrete."""
@@ -273,6 +269,10 @@ class _Translation:
         left, right = (
             self._value(written.line, repr(name), side) for side in (written.left, written.right)
         )
+        match written.left, written.right:  # (a, b) = f(...)
+            case tree.Call("", targets), tree.Call() as call:
+                results = self.variables.evaluator.results
+                right = self._at(written.line, repr(name), lambda: results(call)[: len(targets)])
         pairs = self._at(written.line, repr(name), lambda: list(_pairs(left, right)))
         equations = [
             Equation(name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None)
@@ -437,6 +437,7 @@ def operating_point(
     dae, report
         As `load_modelica` gives them.
     table : ModelicaTable, optional
+        By default that of the report.
 
     Raises
     ------
@@ -445,7 +446,7 @@ def operating_point(
     SceneError
         The table asks for the start, and for what an equilibrium gives.
     """
-    table = table or ModelicaTable()
+    table = table or (report.table if report else ModelicaTable())
     structure = structure_of(dae, report, table)
     if table.point == "start":
         if table.free or table.moving:
@@ -488,6 +489,7 @@ def structure_of(
     dae, report, table
         As in `operating_point`.
     """
-    if table is not None and table.states:
+    table = table or (report.table if report else ModelicaTable())
+    if table.states:
         return reduce_index(dae, states=table.states)
     return reduce_index(dae, preferred=() if report is None else report.states)

@@ -158,6 +158,15 @@ def total(values: Value) -> Value:
     return sum_
 
 
+def spaced(first: Value, last: Value, count: Value) -> Value:
+    """`count` values from the first to the last, at equal distances."""
+    number = number_of(count)
+    if number is None or not 2 <= number <= _MOST_POWER:
+        raise SceneError(f"linspace of {described(count)} values.")
+    step = _over(_SCALAR["-"](last, first), number - 1)
+    return tuple(_add(first, _times(Fraction(k), step)) for k in range(int(number)))
+
+
 def _product(left: tuple[Value, ...], right: tuple[Value, ...]) -> Value:
     if left and isinstance(left[0], tuple):
         return tuple(_product(row, right) for row in left)

@@ -259,9 +259,9 @@ def _keep(d: tree.Declaration, entry: Any, evaluator: Evaluator, parameters: Par
         return
     if not asked and not min(limits.values()) < value < max(limits.values()):
         raise SceneError(
-            f"its value {float(value):g} is not inside of its range from {float(limits['low']):g} to "
-            f"{float(limits['high']):g}. Move one of them, or keep it a number: {d.name} = false in the "
-            "table."
+            f"its value {float(value):g} is not inside of its range, above {float(limits['low']):g} and "
+            f"below {float(limits['high']):g}. Move one of them, or keep it a number: {d.name} = false "
+            "in the table."
         )
     annotated = {key: evaluator.value(annotation) for key, annotation in d.annotation.items()}
     fields: dict[str, Any] = {"nominal": value, **limits, **annotated}

@@ -145,9 +145,12 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     Returns
     -------
     array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
+        These are what depends on parameters; there may be none.
     """
     if model.trim.lft is None:
-        raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
+        if model.trim.signals:
+            raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
+        return np.zeros((*np.broadcast_shapes(*map(np.shape, values.values())), 0))
     return value_at(model, model.trim.lft, values)[..., 0]
 
 

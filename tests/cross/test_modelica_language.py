@@ -110,6 +110,10 @@ end P;
         ("Boolean b;", "b = time > 1; y = if b then 2*u else 8*u;", 8.0),
         ("Integer k(start=3, fixed=true);", "when u > 5 then k = pre(k) + 1; end when; y = k*u;", 3.0),
         ("", "y = mod(7, 4)*u;", 3.0),
+        ("Real a; Real b[2];", "(a, b) = P.several(u); y = a*b[2];", 56.0),
+        ("Real a;", "(a) = P.several(u); y = a;", 2.0),
+        ("", "y = product({2, u, 3})*product(fill(1, 0));", 6.0),
+        ("", "y = sum(linspace(u, 3*u, 5));", 10.0),
     ],
 )
 def test_gains(tmp_path: Path, declared: str, equations: str, expected: float) -> None:
@@ -125,6 +129,31 @@ def test_a_mode_is_that_of_the_equilibrium_and_not_of_the_start(tmp_path: Path) 
       y = x;
     end M;"""
     roundoff(matrices(tmp_path, text)[0].reshape(()), -2.0)
+
+
+def test_the_point_of_a_table_is_that_of_its_report(tmp_path: Path) -> None:
+    """Modes are those of this point."""
+    file = tmp_path / "m.mo"
+    file.write_text("""model M
+      input Real u; output Real y; Boolean b;
+    equation
+      b = u > 3; y = (if b then 2 else 7)*u;
+    end M;""")
+    dae, report = load_modelica(file, ModelicaTable(at={"u": 4.0}))
+    assert float(operating_point(dae, report).nominal["y"]) == 8.0
+    with pytest.raises(mbdlft.TrimError, match="is 0 at this equilibrium, and 1 in the equations"):
+        operating_point(dae, report, ModelicaTable())
+
+
+def test_files_of_a_folder_are_read(tmp_path: Path) -> None:
+    model = "model M input Real u; output Real y = {}*u; end M;"
+    for name, factor in (("m", 2), ("old", 3)):
+        (tmp_path / f"{name}.mo").write_text(model.format(factor))
+    with pytest.raises(mbdlft.SceneError, match=r"'M' is in m\.mo, old\.mo, and it reads all"):
+        load_modelica(tmp_path / "m.mo")
+    (tmp_path / "old.mo").unlink()
+    with pytest.raises(mbdlft.SceneError, match=r"m\.mo: unknown model 'N'\. Existing: M\."):
+        load_modelica(tmp_path / "m.mo", model="N")
 
 
 def test_a_delay_is_a_pade_approximation_of_the_order_that_is_asked_for(tmp_path: Path) -> None:

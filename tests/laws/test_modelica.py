@@ -392,6 +392,13 @@ def test_a_mode_that_does_not_change_is_a_number(b: str, gain: float) -> None:
         exact(np.array([A[0, 0], C[0, 0]]), np.array([-L, gain]))
 
 
+def test_a_trim_that_does_not_depend_on_parameters_has_no_signals() -> None:
+    model = mbdlft.linearize_dae(of_modes("Boolean b;", "b = true", at={"u": 0.0})[1])
+    assert model.trim.signals == ()
+    assert mbdlft.trim_at(model, {}).shape == (0,)
+    assert mbdlft.trim_at(model, {"L": [1.0, 2.0, 3.0]}).shape == (3, 0)
+
+
 def test_a_simulation_ends_where_a_mode_changes() -> None:
     dae, _ = of_modes("Boolean b;", "b = x > 0.1")
     late, times = {"u": 0.0}, np.linspace(0.0, 2.0, 21)

@@ -187,7 +187,7 @@ class Separation:
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
             f"{', '.join(names)}. Either declare the value of {text} as a parameter of its own, with "
             "which the others are rational, which is exact; or replace it by a rational fit with a "
-            "guaranteed bound (DaeDraft.fit, fit_coefficient)."
+            "guaranteed bound (fit=1e-6 when it is linearized, fit = 1e-6 in [trim] of a table)."
         )
 
     def _one_branch(self, operation: str, *values: ca.SX) -> ca.SX | None:
