@@ -9,7 +9,7 @@ frequencies by `worst_case_gain` and `worst_case`, and `verify` checks what is s
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -30,8 +30,17 @@ from mbdlft.robust.realization import realization
 from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
+from mbdlft.synthesis.lpv import reduced_values
 from mbdlft.synthesis.reached import Progress, Tuning, as_matrices, as_tuning, least_values
-from mbdlft.synthesis.starts import Way, begun, begun_again, check_stabilizable, taken_on, tuned
+from mbdlft.synthesis.starts import (
+    Way,
+    begun,
+    begun_again,
+    better_from,
+    check_stabilizable,
+    taken_on,
+    tuned,
+)
 from mbdlft.synthesis.tuning import Tuned, Tuner
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
@@ -47,6 +56,7 @@ _PARTS = 4  # of the points of the whole box, each with its worst
 _IDLE = 4  # searches in vain that end a search for the worst at most: one for each parameter beyond two
 _LOOK = 0.3  # units of work of a search as a proof begins with: it sees peaks that climbs do not
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
+_FULL = 1.1  # times what no controller passes: above it one of full order is reduced
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
 _DECIDES = 0.9  # of the largest value: points below it are idle
 
@@ -94,7 +104,8 @@ def tune(
         need not be stable.
     starts : int
         The first from the initial values, as many as half from random ones, and the others from the
-        best of these, with other signs and sizes.
+        best of these, with other signs and sizes. Where these are far above what no controller passes,
+        one more begins at a controller of full order that is reduced (`lpv_synthesis`).
     seed : int
     prove : bool
         Whether goals are proved on the box; those of poles and gains can be.
@@ -141,7 +152,9 @@ def tune(
         soft = [bound for bound, goal in zip(least, sought, strict=True) if not goal.hard]
         nominal, known = max(soft, default=0.0), list[tuple[Tuned, Array]]()
         try:
-            for later in _improved(_Task(net, sought, way, say), first, nominal, is_given=bool(initial)):
+            given = systems, sought, connections, inputs, leave_out
+            task = _Task(net, sought, way, say, partial(reduced_values, *given))
+            for later in _improved(task, first, nominal, is_given=bool(initial)):
                 known = [later]
         except KeyboardInterrupt:  # the best that is known is proved
             if not known:
@@ -161,6 +174,7 @@ class _Task(NamedTuple):
     goals: Sequence[Goal]
     way: Way
     say: Progress
+    full_order: Callable[[], Mapping[str, float]] = dict  # values near those of full order
     is_given: bool = False
 
     def tuner(self, points: Array) -> Tuner:
@@ -180,6 +194,12 @@ def _improved(
         for best in tuned(
             first, task.way, task.say, _ENOUGH * nominal, lambda best: len(_growing(task, best)) > 1
         ):
+            yield best, points
+        is_far = best.look.soft > _FULL * nominal > 0.0 and task.way.starts > 1
+        if is_far and (values := task.full_order()):
+            x = np.array([values.get(value.name, value.initial) for value in task.net.free])
+            best = better_from(first, x, best, task.way)
+            task.say(f"from a controller of full order, best {best.look.soft:.4g}")
             yield best, points
         nominal = best.look.soft
     yield from _at_worst_points(task, (best, points), nominal)

@@ -19,6 +19,7 @@ and the gain of the closed loop is proved in balls, for all motions of the param
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import EPS
-from mbdlft.lft.lft import consecutive
+from mbdlft.lft.lft import LFT, consecutive
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.moving.variation import conic_solution, vectors
@@ -50,11 +51,12 @@ from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, network
 from mbdlft.synthesis.pieces import TunableSystem
 from mbdlft.synthesis.reached import Tuning, as_matrices, as_tuning, least_values
-from mbdlft.synthesis.structure import system_of, tunable_system
+from mbdlft.synthesis.structure import fitted_values, reduced_structure, system_of, tunable_system
 from mbdlft.system.model import Parameters, System
 
 _SMALLEST = 1e-6  # gamma of plants whose goals can be made zero
 _SINGULAR = 1e12  # condition of the loop of a controller and the direct path of the plant
+_QUICK, _SLACK = 16, 0.03  # states of a plant whose controller takes a second; part above the least
 _TRACES = (1.1, 10.0, 100.0, 1000.0)  # of the least trace: room for solutions to go away from the edge
 
 
@@ -99,7 +101,7 @@ def lpv_synthesis(
     inputs: Sequence[str] = (),
     leave_out: Sequence[str] = (),
     measured: Sequence[str] | None = None,
-    slack: float = 0.03,
+    slack: float = _SLACK,
     prove: bool = True,
     gap: float = 0.01,
     work: float = 30.0,
@@ -170,6 +172,43 @@ def lpv_synthesis(
         tuning = as_tuning(closed, goals, x, nominal, least, how if prove else None)
     loop, motion = _moving(f"{net.system.name}: moving", plant, made, parameters, how)
     return ScheduledSynthesis(structure, made.gamma, made.least, loop, motion, tuning)
+
+
+def reduced_values(
+    systems: Sequence[Any],
+    goals: Sequence[Goal],
+    connections: Connections,
+    inputs: Sequence[str],
+    leave_out: Sequence[str],
+) -> dict[str, float]:
+    """Values of a state-space controller that are near those of full order, reduced to its states.
+
+    They are for goals of gains at nominal. There are none where that is not possible, or takes long.
+    """
+    free = [s for s in systems if isinstance(s, TunableSystem)]
+    of_gain = [goal for goal in goals if goal.kind in (HINF, MARGIN)]
+    if len(free) != 1 or not free[0].states or not of_gain:
+        return {}
+    nominal, old = [_at_nominal(s) if isinstance(s, System) else s for s in systems], free[0]
+    with suppress(AnalysisError, StructureError):
+        net = network(as_matrices(nominal), connections, of_gain, inputs, leave_out)
+        plant = opened_plant(net, of_gain, [])
+        if plant.states <= _QUICK:
+            made = _synthesized(plant, _SLACK).controller
+            controller = system_of(old.name, made, plant.states, [], Parameters(()), old.channels)
+            own = [tunable_system(controller) if s is old else s for s in nominal]
+            kept = {"states": old.states, "inputs": inputs, "leave_out": leave_out}
+            small = reduced_structure(own, of_gain, connections, **kept)  # type: ignore[arg-type]
+            return fitted_values(old, small.with_values({}))
+    return {}
+
+
+def _at_nominal(system: System) -> System:
+    """Without its parameters: their deltas are zero."""
+    M = system.lft.M22
+    sides = np.zeros((0, 0)), np.zeros((0, M.shape[1])), np.zeros((M.shape[0], 0))
+    signals = system.states, system.inputs, system.outputs
+    return System(system.name, LFT(*sides, M, ()), *signals, Parameters(()))
 
 
 class _Made(NamedTuple):

@@ -154,11 +154,7 @@ def tuned(
     if not found:
         raise AnalysisError(tuner.unstable(nearest[1]))
     if not is_rough(best):
-        some = [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
-        ends = way.crew(_polished, some)
-        extra = np.unique(np.concatenate([seen for _, seen in ends]))
-        tuner.asked = tuner.asked._replace(extra=extra)
-        best = tuner.polished(min((tuner.at(x) for x, _ in ends), key=Tuned.rank), range(1, ROUNDS))
+        best = tuner.polished(_polished_once(tuner, found, way), range(1, ROUNDS))
     for goal, (value, _) in zip(tuner.goals, tuner.worst(best.x), strict=True):
         if value == np.inf:
             raise AnalysisError(
@@ -168,6 +164,13 @@ def tuned(
                 else f"tune: goal {goal.name!r}: it is not finite beside its limit, {goal.limit:g}."
             )
     yield best
+
+
+def _polished_once(tuner: Tuner, found: Sequence[Tuned], way: Way) -> Tuned:
+    """The best of the best ones after a round, with the frequencies that all of them need."""
+    ends = way.crew(_polished, [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]])
+    tuner.asked = tuner.asked._replace(extra=np.unique(np.concatenate([seen for _, seen in ends])))
+    return min((tuner.at(x) for x, _ in ends), key=Tuned.rank)
 
 
 def check_stabilizable(tuner: Tuner, x: Array, way: Way) -> None:
@@ -194,6 +197,14 @@ def taken_on(tuner: Tuner, x: Array, way: Way, *, is_near: bool = False) -> Tune
             *_, best = tuned(tuner, way, lambda text: None)
             return best
     return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
+
+
+def better_from(tuner: Tuner, x: Array, best: Tuned, way: Way) -> Tuned:
+    """The best that is known, or that values x lead to; they are taken on where they come below it."""
+    x, real = _stable(tuner, np.clip(x, tuner.low, tuner.high))
+    found = way.crew(_rough, [(tuner, x, plan) for plan in _PLANS]) if real < 0.0 else []
+    other = _polished_once(tuner, found, way) if found else best
+    return tuner.polished(other, range(1, ROUNDS)) if other.rank() < best.rank() else best
 
 
 def begun_again(tuner: Tuner, x: Array, way: Way) -> Tuned | None:
