@@ -115,12 +115,20 @@ def _turns(a: Interval, phase: float) -> range | None:
     return range(math.ceil(first), math.floor(last) + 1)
 
 
+def _both(which: Callable[..., float], a: Interval | float, b: Interval | float) -> Interval:
+    a, b = Interval.of(a), Interval.of(b)
+    return Interval(which(a.low, b.low), which(a.high, b.high))
+
+
 FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "constpow": _power,
     "sqrt": _sqrt,
     "sin": lambda a: _wave(math.sin, a, 0.5),
     "cos": lambda a: _wave(math.cos, a, 0.0),
     "atan": lambda a: _of_library(math.atan(a.low), math.atan(a.high)),
+    "fabs": lambda a: Interval(a.smallest, a.largest),
+    "fmin": lambda a, b: _both(min, a, b),
+    "fmax": lambda a, b: _both(max, a, b),
 }
 
 

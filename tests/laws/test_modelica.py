@@ -381,6 +381,7 @@ def of_modes(declared: str, equations: str, at: Any = None) -> tuple[Dae, DaeTri
         ("L*x > 1.5", 3.0),
         ("x > 0.4 and u > 0 or L < 3.5", 1.0),
         ("L <= 3", 1.0),
+        ("abs(x - 0.5) < 0.6 and max(x, L) > 0.9 and min(0.2, 0.5 - x) > -0.6", 1.0),
         ("true <> (x < 0)", 1.0),
         ("(x > 0) == false", 3.0),
     ],
