@@ -14,7 +14,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import beside_switches, without_switches
 from mbdlft.dae.newton import System, follow_all
-from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols, parameter_points
+from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
@@ -162,6 +162,7 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     s = at.structure
     expressions = _expressions(at)
     posed = {*at.given, *(q.name for q in s.inputs)} - {*at.free}
+    posed |= {q.name for q in s.quantities if _is_start(q, at.values[q.name])}
     moving = [bool(ca.symvar(in_doubles(expressions[k]))) for k in range(expressions.numel())]
     free = [k for k, q in enumerate(s.quantities) if q.name not in posed and moving[k]]
     values, p = _exact_values(at, points), in_symbols(s.dae, points)
@@ -179,6 +180,12 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
         raise TrimError(f"{s.owner}: no equilibrium was found at a point of the parameter range.")
     values[:, free] = [now.values for now in followed]
     return values
+
+
+def _is_start(q: Quantity, value: ca.SX) -> bool:
+    """Whether a quantity has its start value, in terms of parameters, as nothing determines it."""
+    start = q.variable.start_of
+    return not q.order and start is not None and bool(ca.is_equal(value, start))
 
 
 def _expressions(at: DaeTrim) -> ca.SX:

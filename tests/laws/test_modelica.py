@@ -13,7 +13,7 @@ import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae import Dae, DaeTrim, reduce_index, trim
-from mbdlft.modelica import flat_model, flat_text, operating_point, translate, tree
+from mbdlft.modelica import ModelicaTable, flat_model, flat_text, operating_point, translate, tree
 from mbdlft.modelica.evaluation import Evaluator, unit_of
 from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.lookup import of_tables
@@ -391,6 +391,32 @@ def test_a_mode_that_does_not_change_is_a_number(b: str, gain: float) -> None:
     for L in (1.0, 2.9):
         A, _, C, _ = mbdlft.matrices_at(linear, {"L": L})
         exact(np.array([A[0, 0], C[0, 0]]), np.array([-L, gain]))
+
+
+@pytest.mark.parametrize(
+    ("given", "point", "A", "C"),
+    [
+        ("x(start=L, fixed=true)", "start", lambda L: -2.0 * L, lambda L: 2.0 * L + 1.0),
+        ("x(start=1/L)", "start", lambda L: -2.0 / L, lambda L: 2.0 / L + 1.0),
+        ("x(start=L)", "equilibrium", lambda L: 0.0 * L, lambda L: 2.0 * L + 1.0),
+    ],
+)
+def test_a_start_of_parameters_holds_where_nothing_else_does(
+    given: str, point: str, A: Any, C: Any
+) -> None:
+    rate = "u - x^2" if point == "start" else "u"  # a free shaft
+    table = ModelicaTable(point=point)  # type: ignore[arg-type]
+    dae, report = translate(
+        flat_model(
+            f"model M parameter Real L(min=1, max=3)=2; Real {given}; Real z; input Real u;\n"
+            f"output Real y;\nequation der(x) = {rate}; z = x^2 + x; y = z;\nend M;"
+        ),
+        table,
+    )
+    linear = mbdlft.linearize_dae(operating_point(dae, report))
+    for L in (1.0, 2.3, 3.0):
+        found = mbdlft.matrices_at(linear, {"L": L})
+        roundoff(np.array([found.A[0, 0], found.C[0, 0]]), np.array([A(L), C(L)]))
 
 
 def test_a_trim_that_does_not_depend_on_parameters_has_no_signals() -> None:
