@@ -124,7 +124,14 @@ def opposite(value: Value) -> Value:
 
 def chosen(condition: Value, then: Value, otherwise: Value) -> Value:
     """if condition then ... else ...; the condition is no constant."""
-    return each(lambda a, b: ca.if_else(_truth(condition), to_sx(a), to_sx(b)), then, otherwise)
+
+    def of(a: Value, b: Value) -> ca.SX:
+        if isinstance(a, str) or isinstance(b, str):
+            both = f"{described(a)} and {described(b)}"
+            raise SceneError(f"signals choose between {both}, which are no numbers. Take an Integer.")
+        return ca.if_else(_truth(condition), to_sx(a), to_sx(b))
+
+    return each(of, then, otherwise)
 
 
 def rounded(function: str, value: Value) -> Value:

@@ -179,6 +179,8 @@ test_what_has_no_one_linear_model_is_refused = refused(
 "discrete Real d;", "when sample(0, 0.1) then d = u; end when; y = d;" => the event 'when' … (d)
 "Boolean b; Real x;", "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;" => the modes b have no
 "", "y = delay(u, 0.5);" => delay() has no linear model
+"E e; type E = enumeration(a, b);", "e = if u > 1 then E.a else E.b; y = if e == E.a then u else 3*u;"
+  => signals choose between the text 'a' and the text 'b', which are no numbers
 > gain(tmp_path, {}) => TrimError:
 "Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => line 5: b = u > 2: jumps … where lt(2, u)
 "Integer k(start=3);", "when u > 2 then k = 4; end when; y = k*u;" => the event at u > 2: jumps from

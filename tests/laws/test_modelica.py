@@ -405,7 +405,7 @@ def test_a_start_of_parameters_holds_where_nothing_else_does(
     given: str, point: str, A: Any, C: Any
 ) -> None:
     rate = "u - x^2" if point == "start" else "u"  # a free shaft
-    table = ModelicaTable(point=point)  # type: ignore[arg-type]
+    table = ModelicaTable(point=point)
     dae, report = translate(
         flat_model(
             f"model M parameter Real L(min=1, max=3)=2; Real {given}; Real z; input Real u;\n"
