@@ -88,8 +88,13 @@ def read_values(
             parameters.values[name] = value = _value(d, table, evaluator)
             if d.type == "Integer" and isinstance(value, Fraction) and value.denominator != 1:
                 raise SceneError(f"expected a whole number, got {float(value):g}.")
+            entry = table.parameters.get(name)
             if d.type == "Real":
-                _keep(d, table.parameters.get(name), evaluator, parameters)
+                _keep(d, entry, evaluator, parameters)
+            elif isinstance(entry, Mapping):
+                raise SceneError(f"it is of type {d.type}; only a Real can stay. Declare it as one.")
+            elif d.variability == "parameter" and d.top and _limits(d, evaluator):
+                parameters.notes.append(f"{name} has min and max, and is a number: it is an {d.type}")
             elif table.parameters.get(name):
                 raise SceneError(f"it is of type {d.type}; only numbers of type Real can stay.")
     return parameters

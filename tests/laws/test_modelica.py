@@ -360,6 +360,15 @@ def test_modes_of_arrays_and_claims_on_variables_are_decided_at_the_equilibrium(
     assert np.array_equal(np.ravel(mbdlft.matrices_at(linear, {})[1]), [1.0, 2.0])
 
 
+def test_an_integer_does_not_stay() -> None:
+    text = "model M\n parameter Integer n(min=1, max=5)=2; Real x;\nequation\n x = n;\nend M;"
+    dae, report = translate(flat_model(text))
+    assert not dae.parameters
+    assert report.notes == ("n has min and max, and is a number: it is an Integer",)
+    with pytest.raises(SceneError, match="parameter 'n': it is of type Integer; only a Real can stay"):
+        translate(flat_model(text), ModelicaTable(parameters={"n": {"low": 1.0, "high": 3.0}}))
+
+
 # Laws of modes: what holds at nominal holds in the whole range of L, from 1 to 3, or it is refused.
 
 
