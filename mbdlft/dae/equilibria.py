@@ -182,7 +182,7 @@ def _check_ranges(s: Structure, values: Mapping[str, ca.SX]) -> None:
         for v, value in zip(ranged.values(), of, strict=True):
             check_range(s, v, value, partial(at_values, s.dae.parameters, physical))
         for c, truth in zip(asserts, holds, strict=True):
-            if not truth:
+            if truth != c.value:  # or has none
                 where = at_values(s.dae.parameters, physical) or "the operating point"
                 raise TrimError(f"{s.owner}, {c.name} At {where}: choose another one, or other ranges.")
 

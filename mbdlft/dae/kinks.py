@@ -123,10 +123,11 @@ def check_modes(s: Structure, values: Mapping[str, ca.SX]) -> None:
 
     `values` are those of all quantities at the equilibrium.
     """
+    modes = [c for c in s.dae.conditions if c.kind != "assert"]
+    if not modes:
+        return
     near = _Equilibrium(s, values)
-    for c in s.dae.conditions:
-        if c.kind == "assert":
-            continue
+    for c in modes:
         sides: list[Side] = []
 
         def side(call: _Call, argument: ca.SX, at_zero: Sequence[Side], met: list[Side] = sides) -> Side:
@@ -153,7 +154,7 @@ def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
     """The expressions with branches, or with the value at the zero, in place of functions that switch."""
 
     def switched(name: str, *operands: ca.SX) -> ca.SX:
-        switch, entries = SWITCHES[name], [x for x in operands]
+        switch, entries = SWITCHES[name], [ca.SX(x) for x in operands]
         argument = switch.argument(*entries)
         if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
             return ca.SX(0)  # on either side

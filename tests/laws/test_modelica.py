@@ -457,7 +457,7 @@ test_what_changes_within_the_range_is_refused = refused(
 "Boolean b;", "b = x > 0.1", {"u": 0.05} => it is 0 at this equilibrium, and 1 in the equations
 "Boolean b;", "b = u > 0", {"u": 0} => b = u > 0: jumps from … to … at this equilibrium
 > mbdlft.delta_theta(of_modes("Boolean b;", {})[0]) => StructureError:
-"b = x > 0.1" => b = x > 0.1: it is a number in these equations
+"b = x > 0.1" => b = x > 0.1: these equations are those of one operating point
 """
 )
 

@@ -68,8 +68,8 @@ class _Form:
         for c in dae.conditions:
             if c.kind != "assert":
                 raise StructureError(
-                    f"{s.owner}, {c.name}: it is a number in these equations, that of one operating "
-                    "point, and the Delta-Theta form is for all. Write its formula in its place."
+                    f"{s.owner}, {c.name}: these equations are those of one operating point, where it "
+                    "does not change; a Delta-Theta form is for all. Write a formula in its place."
                 )
         every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs))
         self.separation = Separation(dae, every, arrange)
