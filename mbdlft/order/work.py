@@ -132,8 +132,3 @@ def singular_values(rows: int, columns: int, count: int = 1) -> float:
 def product(rows: int, inner: int, columns: int) -> float:
     """Operations of a product, or of an orthogonal or triangular factor: these are the fastest."""
     return 0.5 * rows * inner * columns
-
-
-def reduction(order: int) -> float:
-    """Operations of a reduction of an LFT, or of another step of its algebra."""
-    return 1.5e7 + 60.0 * float(order) ** 3

@@ -18,14 +18,14 @@ from mbdlft.order.dependent import without_dependent
 from mbdlft.order.paths import OF_BALLS, Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
-from mbdlft.order.work import Work, reduction
+from mbdlft.order.work import Work
 from mbdlft.pipeline.forms import Candidate, closed_exactly, is_regular_at_points, residues_of, restricted
 from mbdlft.problem.relations import Form, Problem
 
 _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
-_OF_RESULT = 15.0  # times the work of a reduction in doubles
+_OF_REST = 1.3  # times the work in residues: what a step does beside it
 _MOST_MADE = 3  # starts, in balls, where those before them are of no use
 _MOST_PRIMES, _OF_PRIMES = 32, 0.5  # whose factors are asked for, and units of work for them
 _OF_CHANNEL = 1.5e7  # operations of an extraction for each channel before any reduction
@@ -113,9 +113,8 @@ def _once(
 def _restricted(a: ExactLFT, step: Step, work: Work, most: float = inf) -> ExactLFT | None:
     if work.is_over or not dict(a.blocks)[step.name]:
         return None
-    result = by_step(a, step, most)
-    work.add((_OF_RESULT if result else 1.0) * reduction(a.order))
-    return result
+    with work.counting(_OF_REST):
+        return by_step(a, step, most)
 
 
 def _closed(form: Form, relations: ExactLFT) -> ExactLFT | None:
