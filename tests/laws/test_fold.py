@@ -127,7 +127,7 @@ TABLES: dict[str, tuple[Callable[[ca.Function, float, float], None], set[str]]] 
     "arrays": (of_arrays, OF_DOUBLES),
     "sizes": (of_sizes, OF_DOUBLES),
     "program": (of_program, RATIONAL | TRIGONOMETRIC - {"OP_TAN"} | {"OP_FABS"}),
-    "intervals": (of_intervals, RATIONAL | TRIGONOMETRIC | {"OP_ATAN"}),
+    "intervals": (of_intervals, RATIONAL | TRIGONOMETRIC | {"OP_ATAN", "OP_FABS", "OP_FMIN", "OP_FMAX"}),
     "Taylor models": (of_taylor_models, RATIONAL | TRIGONOMETRIC),
     "graphs": (of_graphs, RATIONAL),
     "texts": (of_texts, RATIONAL),
