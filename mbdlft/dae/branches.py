@@ -18,7 +18,7 @@ from mbdlft.dae.dae import Dae
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
 from mbdlft.exact.numbers import decimal
 from mbdlft.exact.ratio import NotFractionError, Ratio, sign_on, square_root
-from mbdlft.problem.sx.constants import constants_in, literal, root
+from mbdlft.problem.sx.constants import constants_in, in_doubles, literal, root
 from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, steps
 
 Side = Literal["below", "above", "at", "open"]
@@ -74,6 +74,15 @@ def side_on(value: ca.SX, ranges: Mapping[int, tuple[Fraction, Fraction]]) -> Si
     except NotFractionError:
         return "open"
     return "above" if sign > 0 else "below" if sign < 0 else "open"
+
+
+_RELATIONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+
+
+def text_of_call(name: str, operands: Sequence[ca.SX]) -> str:
+    """Such as ``fabs(x)`` and ``x < 2``."""
+    texts = [str(in_doubles(operand)) for operand in operands]
+    return f" {_RELATIONS[name]} ".join(texts) if name in _RELATIONS else f"{name}({', '.join(texts)})"
 
 
 def changes_its_branch(place: str, text: str, names: Sequence[str]) -> NotRationalError:

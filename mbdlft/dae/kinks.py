@@ -26,7 +26,15 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
-from mbdlft.dae.branches import SWITCHES, Side, changes_its_branch, fraction_of, ranges_of, side_on
+from mbdlft.dae.branches import (
+    SWITCHES,
+    Side,
+    changes_its_branch,
+    fraction_of,
+    ranges_of,
+    side_on,
+    text_of_call,
+)
 from mbdlft.dae.newton import values_of
 from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
@@ -119,10 +127,7 @@ def without_switches(s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX) 
 
 
 def check_modes(s: Structure, values: Mapping[str, ca.SX]) -> None:
-    """Raise an error unless modes and relations of events are what they are for all parameters.
-
-    `values` are those of all quantities at the equilibrium.
-    """
+    """Raise an error unless modes and relations of events, at the equilibrium, never change."""
     modes = [c for c in s.dae.conditions if c.kind != "assert"]
     if not modes:
         return
@@ -139,14 +144,12 @@ def check_modes(s: Structure, values: Mapping[str, ca.SX]) -> None:
             _, kink = near.beside(c.expression, c.name)
             if kink is not None:
                 raise kink
-        if not is_constant(plain):
-            names = [p.name() for p in free_symbols(plain)]
+        if names := [p.name() for p in free_symbols(plain)]:
             raise changes_its_branch(f"{s.owner}, {c.name}", "it", names)
-        if c.value is not None and float(numbers_of(plain)[0, 0]) != c.value:
+        if c.value is not None and (number := float(numbers_of(plain)[0, 0])) != c.value:
             raise TrimError(
-                f"{s.owner}, {c.name}: it is {float(numbers_of(plain)[0, 0]):g} at this equilibrium, and "
-                f"{c.value:g} in the equations, which are those of the operating point that the table of "
-                "the model gives. Give the values of this equilibrium there."
+                f"{s.owner}, {c.name}: it is {number:g} at this equilibrium, and {c.value:g} in the "
+                "equations, which are those of the point of the table. Give these values there."
             )
 
 
@@ -430,7 +433,9 @@ class _Sides:
         side, jumps = self.near.side(argument, at_zero), len(at_zero) < 2 and "at" not in at_zero
         if side == "open" and jumps:
             names = [p.name() for p in free_symbols(self.near.there(argument))]
-            raise changes_its_branch(f"{self.near.dae.owner}, {self.place}", _text(call), names)
+            raise changes_its_branch(
+                f"{self.near.dae.owner}, {self.place}", text_of_call(call[0], call[1:]), names
+            )
         if side != "at" or "at" in at_zero:
             return side
         own: Ratio | str = str(argument)
@@ -442,7 +447,7 @@ class _Sides:
         if not any(signs):
             self.arguments.append(own)
             self.zeros.append(argument)
-            self.texts.append(_text(call))
+            self.texts.append(text_of_call(call[0], call[1:]))
             self.at_zero.append(set())
             signs.append(1)
         k = next(k for k, sign in enumerate(signs) if sign)
@@ -481,10 +486,6 @@ def _sum_of_two(arguments: Sequence[Ratio | str]) -> Sequence[Any]:
     monomials = {exponents for p in polynomials for exponents in p}
     rows, rank = flint.fmpq_mat([[p.get(e, 0) for p in polynomials] for e in monomials]).rref()
     return (rows[0, 2], rows[1, 2], -1) if rank == 2 else (0, 0, 0)
-
-
-def _text(call: _Call) -> str:
-    return f"{call[0]}({', '.join(str(in_doubles(operand)) for operand in call[1:])})"
 
 
 def _sign_of_multiple(a: Ratio | str, b: Ratio | str) -> int:

@@ -182,7 +182,7 @@ test_what_has_no_one_linear_model_is_refused = refused(
 "E e; type E = enumeration(a, b);", "e = if u > 1 then E.a else E.b; y = if e == E.a then u else 3*u;"
   => signals choose between the text 'a' and the text 'b', which are no numbers
 > gain(tmp_path, {}) => TrimError:
-"Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => line 5: b = u > 2: jumps … where lt(2, u)
+"Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => line 5: b = u > 2: jumps … where 2 < u
 "Integer k(start=3);", "when u > 2 then k = 4; end when; y = k*u;" => the event at u > 2: jumps from
 "Integer k(start=3); parameter Real a(min=1, max=4)=3;", "when a*u > 5 then k = 4; end when; y = k*u;"
   => NotRationalError: the event at (a * u) > 5: … changes its branch inside of the range of a

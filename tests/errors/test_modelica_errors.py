@@ -251,7 +251,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
     => m.mof … the left side is in kg m^2 s^-2, the right side in kg m s^-2; units do not fit
 > linear({}) => TrimError: model 'M' …
 "der(x) = u - x; y = log(x);" => no equilibrium was found; … 'y = log(x)' (line 4) (inf)
-"der(x) = u - x; y = if x == 0 then 1 else x;" => jumps from 1 to 0 … where eq(x, 0) switches
+"der(x) = u - x; y = if x == 0 then 1 else x;" => jumps from 1 to 0 … where x == 0 switches
 > linear({}) => SceneError: m.mof …
 "der(x) = u - x; y = x; assert(x > 5, \"small\");" => TrimError: assert(x > 5) does not hold. small
 "der(der(x)) = u - x; y = x;" => line 4: 'der(der(x)) = u - x': der of a derivative: write v = der(x)

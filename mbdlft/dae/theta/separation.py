@@ -179,7 +179,7 @@ class Separation:
                 return coefficient(pair[operation == "sin"])
         if (branch := self._one_branch(operation, *values)) is not None:
             return coefficient(branch)
-        text = f"{operation}({', '.join(str(constants.in_doubles(value)) for value in values)})"
+        text = branches.text_of_call(operation, values)
         names = sorted({s.name() for value in values for s in free_symbols(value)})
         if operation in SWITCHING:
             raise branches.changes_its_branch(f"{self.owner}, {self.place}", text, names)
