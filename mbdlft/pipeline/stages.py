@@ -233,7 +233,8 @@ def _smallest(
     joint, best = JointBound(exact, degrees), start
 
     def bound(*, triples: bool) -> int:
-        most = max(_OF_PROOF, _OF_LEFT * work.left)
+        # triples come last: what restrictions may take is not theirs
+        most = max(_OF_PROOF, _OF_LEFT * (work.left - triples * _OF_RESTRICTIONS))
         return joint.of_all(work.limited(most), triples=triples, best=best.lft.blocks)
 
     with running.budget(budget.work):
